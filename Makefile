@@ -3,11 +3,10 @@
 # make check     what the continuous integration runs: lint, every test, coverage of the safety modules
 # make budget    lines, files and megabytes: are they within .ci/budget.txt?
 # make nightly   2,000 fresh emergencies, an exception in every function of a tick (about two hours)
-# make paper     every figure and claim of the paper, into paper/
-# make study     the wide sweeps over speeds, clearances and 40,000 settings (hours; goes on where it stopped)
+# make paper     both experiments of the paper, driven and drawn, into paper/
+# make study     the published shares of the study over many settings, from its rows
 # make setup     .venv with what driving needs; our packages run from their source: edits count at once
 # make studies   what tuning, batches and studies need, too
-# make result    tables and pages of the study over many settings, from its drives (RUNS="DIR ...")
 # make bench     benchmarks as tables
 # make realtime  ten thousand ticks on the wall clock, twice: 20 Hz without, with priority? (22 minutes)
 # make faults    every fault of the fault suite, into build/faults; goes on where it was interrupted
@@ -26,7 +25,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
 .PHONY: help demo test check budget docs notebooks coverage coverage_whole nightly paper study studies \
-  result bench realtime faults soak repeat golden identify lint setup requirements wheels wheels_test \
+  bench realtime faults soak repeat golden identify lint setup requirements wheels wheels_test \
   version clean
 
 PYTHON ?= python3
@@ -188,35 +187,11 @@ soak: setup $(VENV)/.tests
 repeat: setup $(VENV)/.tests
 	PYTHON=$(BIN)/python tests/ros/repeat.sh
 
-# of the study over many settings: where its drives are, and the pages with blocks about it
-RUNS ?= $(addprefix build/settings/,confirmatory repetition levels)
-PAGES := $(addprefix --page docs/,who_avoids.md early_braking.md)
-
-paper: studies
+paper: setup
 	@$(BIN)/experiments paper
-	@$(BIN)/experiments paper --page docs/one_point.md
-	@$(BIN)/experiments study result $(PAGES)
-	@$(BIN)/experiments study settings --out build/settings/small --count 48
-	@$(BIN)/experiments study decide build/settings/small --out paper/settings/small
 
 study: studies
-	@$(BIN)/experiments study ablation
-	@$(BIN)/experiments study limit
-	@$(BIN)/experiments study settings --out build/settings/confirmatory --preregistered confirmatory
-	@$(BIN)/experiments study settings --out build/settings/repetition --preregistered repetition
-	@$(BIN)/experiments study settings --out build/settings/levels --preregistered levels
-	@$(MAKE) --no-print-directory result
-	@$(BIN)/python bench/limit_before_contact.py build/settings/confirmatory \
-	  --figure docs/limit_before_contact --page docs/threats.md
-	@$(BIN)/experiments study exists build/settings/confirmatory
-	@$(BIN)/experiments study baseline build/settings/confirmatory
-	@$(BIN)/experiments study settings --out build/settings/confirmatory --preregistered confirmatory \
-	  --tuned paper/settings/frenet_tuned.csv
-	@$(BIN)/experiments study decide build/settings/confirmatory --out paper/settings/tuned
-
-# decides the runs, each into paper/settings, the confirmatory one and its repetition as one, too
-result: studies
-	@$(BIN)/experiments study result $(RUNS) $(PAGES)
+	@$(BIN)/experiments study recompute paper/settings
 
 golden: setup
 	@$(BIN)/experiments golden

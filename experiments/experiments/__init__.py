@@ -8,15 +8,12 @@ Run
     batch              a study file: scenarios, parameters and controllers, combined and driven
     preview            a scenario before it is driven
     library            families of random emergencies, and who survives them
-    settings           random settings of everything that the paper does not print
+    settings           random settings of everything that the paper does not print, and the study
 Analyse
     replay             recorded ticks through today's controller
     results            tables and plots of the drives of a batch
     survivable         which emergencies any driver can survive
-    study              the controllers compared over many paired runs
-    settings_analysis  the claims of the paper over the settings
     tuning             controller weights by Bayesian optimisation
-    paper              the results of the paper, reproduced
 Common
     cli, commands      the command `experiments`
     drive_row          one drive: scenario, controller, settings, start offset; its key and results
@@ -24,13 +21,12 @@ Common
     drive_records      finished drives, kept one by one
     pool               processes of this machine or of a dask.distributed cluster
     code_version       the code that decides a drive
-    search_journal     the trials of a search, kept in a file
     progress           progress on the console
     pass_criteria      what a scenario expects of a run
     tick_events        events of a drive that name a tick
+    code_version       a digest of the code that decides a run
     plant_limit        the lateral acceleration that the plant reaches
     statistical_inference  interval of a share, correction of p-values
-    page_block         the generated blocks of a page
 
 In Python:
 
@@ -41,21 +37,27 @@ In Python:
     result.frame('/vehicle/odometry')
 """
 
-from typing import TYPE_CHECKING
-
-from node_runtime.lazy_names import lazy_names
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bags.analysis.run_set import compare
+    from bags.run_set import compare
     from experiments.scripting import drive, drive_many
 
 __all__ = ['compare', 'drive', 'drive_many']
 # imported when they are first used
-__getattr__, __dir__ = lazy_names(
-    __name__,
-    {
-        'compare': 'bags.analysis.run_set',
-        'drive': 'experiments.scripting',
-        'drive_many': 'experiments.scripting',
-    },
-)
+_MODULES = {
+    'compare': 'bags.run_set',
+    'drive': 'experiments.scripting',
+    'drive_many': 'experiments.scripting',
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    return getattr(import_module(_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_MODULES})

@@ -25,10 +25,9 @@ from typing import Any
 import numpy as np
 import yaml
 
-from bags.analysis import run as runs
-from bags.analysis.run import Origin, Run
-from bags.analysis.run_set import RunSet
 from bags.errors import BagError
+from bags.run import Run
+from bags.run_set import RunSet
 from bags.storage.columns import Columns
 from experiments import drive_row, simulation
 from experiments.configuration import inputs, node_config
@@ -146,8 +145,8 @@ class _Task:
         """Return the run of the columns that the simulation gave."""
         setup = self.setup
         source = f'{setup.controller} in {setup.scn.name}'
-        origin = Origin(source, simulation.run_info(setup), self.settings)
-        return runs.from_tables(columns, origin, label)
+        info = simulation.run_info(setup)
+        return Run(columns, source, info, label, self.settings)
 
 
 def _check_problems(tasks: Iterable[_Task]) -> None:

@@ -64,7 +64,8 @@ class Home:
         (folder / 'bags').mkdir()
         (folder / 'tmp').mkdir()
         (folder / 'experiments').mkdir()
-        for shipped in ('bags/reference', 'experiments/config'):
+        (folder / 'paper').mkdir()
+        for shipped in ('bags/reference', 'experiments/config', 'paper/settings'):
             (folder / shipped).symlink_to(ROOT / shipped)
         own = {
             'my_scenario.yaml': share.path('scenario_publisher', 'scenarios', 'straight.yaml'),
@@ -186,11 +187,6 @@ def tunes(home, words):
     assert list((home.folder / 'paper/tuning').rglob('*_tuned.yaml'))
 
 
-def studies(home, words):
-    home.run(*words, '--quick', '--runs', '2', '--cache', 'tmp/drives')
-    assert list((home.folder / 'paper/study').rglob('*.md'))
-
-
 def drives_emergencies(home, words):
     home.run(*words, '--draws', '1', '--jobs', '1')
     assert list((home.folder / 'tmp').rglob('results.parquet'))
@@ -260,7 +256,7 @@ RULES = [
     Rule(r'bags timing ', says('transport', 'solve')),
     Rule(r'experiments compile ', says('the plant, mpcc_road')),
     Rule(r'experiments tune ', tunes),
-    Rule(r'experiments study distributions', studies),
+    Rule(r'experiments study recompute', says('frenet_matched +sideslip +1 +222 ')),
     Rule(r'experiments batch .*--out ', drives_a_batch),
     Rule(r'experiments (table|plot) /tmp/batch ', reads_a_batch),
     Rule(r'experiments library ', drives_emergencies),

@@ -13,6 +13,7 @@ from setuptools.config.setupcfg import read_configuration
 ROSDEP_KEYS = {
     'bokeh': 'python3-bokeh-pip',
     'casadi': 'casadi-pip',
+    'cmaes': None,
     'jinja2': 'python3-jinja2',
     'lz4': None,
     'matplotlib': 'python3-matplotlib',
@@ -22,7 +23,6 @@ ROSDEP_KEYS = {
     'PIL': 'python3-pil',
     'pandas': 'python3-pandas',
     'pyarrow': None,
-    'SALib': None,
     'rich': 'python3-rich',
     'scipy': 'python3-scipy',
     'sklearn': 'python3-sklearn',
@@ -32,7 +32,6 @@ ROSDEP_KEYS = {
 # where the name differs
 DISTRIBUTIONS = {
     'PIL': 'pillow',
-    'SALib': 'salib',
     'sklearn': 'scikit-learn',
     'yaml': 'pyyaml',
 }

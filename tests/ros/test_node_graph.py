@@ -118,7 +118,7 @@ def test_the_page_on_the_demo_says_what_it_gives(recorded_runs):
         group, _, member = key.partition('.')
         return run[group][member] if member else run[group]
 
-    page = (Path(__file__).parents[2] / 'docs/one_point.md').read_text()
+    page = (Path(__file__).parents[2] / 'docs/results.md').read_text()
     obstacles = ('min_v2o_per_obstacle_m.1', 'min_v2o_per_obstacle_m.2')
     edges = ('min_v2e_per_edge_m.left', 'min_v2e_per_edge_m.right')
     for line in (

@@ -5,9 +5,10 @@ PYTHONPATH=docs/_extensions python -m reference_pages.launch_table    writes it
 
 from pathlib import Path
 
-from experiments import page_block
 from experiments.run.launch_arguments import ARGUMENTS, BLOCK, PAGE
 from reference_pages.markdown import code, table, text
+
+BEGIN, END = f'<!-- {BLOCK} -->', f'<!-- /{BLOCK} -->'  # around the block, in the page
 
 
 def block() -> str:
@@ -25,4 +26,6 @@ def block() -> str:
 
 
 if __name__ == '__main__':
-    page_block.replace(Path(__file__).parents[3] / PAGE, BLOCK, block())
+    page = Path(__file__).parents[3] / PAGE
+    before, _, rest = page.read_text(encoding='utf-8').partition(BEGIN)
+    page.write_text(before + BEGIN + block() + END + rest.partition(END)[2], encoding='utf-8')

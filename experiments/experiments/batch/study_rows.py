@@ -26,7 +26,6 @@ PLANT_FILE = f'plant.{node_config.PLANT_DEFAULTS}'
 INSIDE = 0.3819660113  # share of a distribution: a value that is no whole number
 SPEED_SPREAD_KPH = 0.5  # either way
 GRIP_SPREAD = 0.03  # likewise
-OFFSETS = 3  # dimensions of the points; the third one has no use any more
 
 
 def combine(study: StudyFile) -> list[Row]:
@@ -85,15 +84,15 @@ def draw_offsets(runs: int, seed: int) -> list[Offset]:
     """Return the offset of every run; that of the first changes nothing."""
     from scipy.stats import qmc
 
-    shift = np.random.default_rng(seed).random(OFFSETS)
-    points = (qmc.Halton(d=OFFSETS, scramble=False).random(runs - 1) + shift) % 1.0
+    shift = np.random.default_rng(seed).random(2)
+    points = (qmc.Halton(d=2, scramble=False).random(runs - 1) + shift) % 1.0
     return [
         NOMINAL,
         *(
             Offset(
                 float(SPEED_SPREAD_KPH * (2 * speed - 1)), float(1 + GRIP_SPREAD * (2 * grip - 1))
             )
-            for speed, grip, _ in points
+            for speed, grip in points
         ),
     ]
 

@@ -1,43 +1,65 @@
-"""Reproduce the results of the paper from scratch: both experiments, distributions and claims."""
+"""Draw both experiments of the paper anew: one distance in two frames, and the double lane change.
+
+The controllers drive through the node graph; everything is computed from their bags.
+"""
 
 import argparse
 from pathlib import Path
 
 from rich.console import Console
 
-from bags.command_line import add_out
-from experiments.commands import add_jobs
+from bags.command_line import add_out, print_paths
+from bags.errors import BagError
 
-HELP = 'figures, tables and claims of the paper from scratch'
-EXAMPLE = 'experiments paper --quick --out /tmp/paper'
+HELP = 'both experiments of the paper, driven and drawn'
+EXAMPLE = 'experiments paper --out /tmp/paper'
 OUT = Path('paper')
+CIRCLE, CIRCLE_CONTROLLER = 'circle_20m', 'mpcc_no_ca'
+# the setting that comes nearest to the paper's figures: docs/howto/paper_picture.md
+PICTURE = Path('paper', 'picture')
+SCENARIO = PICTURE / 'double_lane_change_limit.yaml'
+CONTROLLERS = tuple(PICTURE / f'{name}_limit.yaml' for name in ('mpcc', 'mpcc_no_ca', 'frenet'))
+SETTINGS = (
+    'controller.model.friction=0.921',
+    'plant.car.scaling.rear.LKY=1.9008',
+    'plant.car.suspension.front.antiroll_npm=21900.0',
+    'plant.car.suspension.rear.antiroll_npm=18900.0',
+)
+TIME_LIMIT_S = 600.0  # of wall time for a drive
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments paper`."""
     add_out(parser, OUT, 'all files')
-    parser.add_argument('--quick', action='store_true', help='few runs, to see that it works')
-    add_jobs(parser, 'the result')
-    parser.add_argument(
-        '--page',
-        type=Path,
-        metavar='FILE',
-        help='run nothing; write the claims of DIR between the comments <!-- claims --> and '
-        '<!-- /claims --> of a Markdown file',
-    )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Reproduce and show. Raises BagError."""
-    # imported late: simulation and controllers take a second to load
-    from experiments.paper import reproduction
-    from experiments.study import claim_evaluation
+    """Drive, compare and draw. Raises BagError."""
+    # imported late: controllers and figures take a second to load
+    from bags.figures import frame_distance_figure
+    from bags.report.comparison import compare_bags, show_comparison
 
-    if options.page:
-        claims_file = options.out / f'{claim_evaluation.STEM}.json'
-        reproduction.rewrite_claims_block(options.page, claims_file)
-        return 0
+    if not SCENARIO.is_file():
+        raise BagError(f'{SCENARIO}: is not here; `experiments paper` runs in a clone')
     console = Console()
-    result = reproduction.reproduce(options.out, options.quick, options.jobs, console)
-    reproduction.show(result, console)
+    (bag,) = _drive(CIRCLE, [CIRCLE_CONTROLLER], options.out, (), console)
+    distances = frame_distance_figure.write_from_bag(bag, options.out / CIRCLE)
+    driven = _drive(str(SCENARIO), list(map(str, CONTROLLERS)), options.out, SETTINGS, console)
+    comparison = compare_bags(driven, options.out / 'double_lane_change')
+    show_comparison(comparison, console)
+    print_paths(console, {'distances': distances.figures[0]})
     return 0
+
+
+def _drive(scenario, controllers, out, settings, console):
+    """Return the bags of the runs; BagError when one of them was not completed."""
+    from experiments.run import run_and_compare
+
+    request = run_and_compare.Request(
+        scenario, controllers, 'lockstep', out / 'bags', settings, TIME_LIMIT_S, overwrite=True
+    )
+    _, outcomes = run_and_compare.run_controllers(request, console)
+    for outcome in outcomes:
+        if not outcome.completed:
+            raise BagError(f'{outcome.controller}: {outcome.message}')
+    return [outcome.bag for outcome in outcomes]

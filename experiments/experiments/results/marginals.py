@@ -14,7 +14,7 @@ import pandas
 
 from bags.errors import BagError
 from experiments.results.drive_table import CONTROLLER, REPEAT, DriveTable, is_truth
-from experiments.study import run_statistics
+from experiments.statistical_inference import wilson_interval
 from msgs_yaml.strict_yaml import closest
 
 LEVELS = 12  # distinct numbers of a column; more are put into bins
@@ -77,8 +77,9 @@ def _groups(table, by, bins):
 def _summarise_truths(known):
     if known.empty:
         return dict.fromkeys(('share', 'low', 'high'), np.nan)
-    share = run_statistics.share(known.astype(bool).tolist())
-    return {'share': share.share, 'low': share.low, 'high': share.high}
+    known = known.astype(bool)
+    low, high = wilson_interval(int(known.sum()), len(known))
+    return {'share': float(known.mean()), 'low': low, 'high': high}
 
 
 def _summarise_numbers(known):

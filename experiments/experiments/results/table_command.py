@@ -11,7 +11,6 @@ from rich.table import Table
 from bags.command_line import print_text
 from experiments.results import drive_table, marginals
 from experiments.results.drive_table import CONTROLLER
-from experiments.study import tables
 
 
 class Request(NamedTuple):
@@ -63,7 +62,8 @@ def _csv(result, _):
 
 
 def _markdown(result, texts):
-    return tables.markdown_table(list(result), texts)
+    lines = [list(result), ['---'] * len(result.columns), *texts]
+    return ''.join(f'| {" | ".join(line)} |\n' for line in lines)
 
 
 def _text(value):

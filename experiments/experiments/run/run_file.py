@@ -18,9 +18,8 @@ from typing import Annotated, Any, NamedTuple
 from bags.errors import BagError
 from experiments.configuration import node_config, set_option
 from msgs_yaml.missing_file import YAML_SUFFIXES
-from msgs_yaml.strict_yaml import Item, YamlError, read
+from msgs_yaml.strict_yaml import Item, Pattern, YamlError, parse_value, read
 from node_runtime import parameters
-from node_runtime.typed_yaml import Pattern, parse_value
 
 KEYS = ('scenario', 'controllers', 'settings', 'labels')
 NAME = Annotated[str, Pattern(r'\S.*', 'a name or a file')]

@@ -7,7 +7,7 @@ mpcc             the paper's MPCC
 mpcc_no_ca       the same without collision avoidance
 frenet_matched   the baseline with the MPCC's tolerances
 frenet_lineage   the baseline with tolerances, circles and brake split of its lineage's open code
-frenet_tuned     the baseline with parameters from a table (`--tuned`), where there is one
+frenet_tuned     the baseline with parameters that were searched for
 factorial:*      the MPCC with every combination of the five FACTORS, a digit each: 0 as the MPCC
                  has it, 1 as the baseline has it
 """
@@ -17,7 +17,7 @@ from itertools import product
 from typing import Any, NamedTuple
 
 from experiments.settings import setting as settings
-from experiments.settings.preregistration import Preregistration
+from experiments.settings.plan import Plan
 from experiments.settings.setting import Setting
 from mpcc_controller.parameters import FREE
 
@@ -39,7 +39,7 @@ class Arm(NamedTuple):
 
 
 def build(
-    plan: Preregistration,
+    plan: Plan,
     setting: Setting,
     name: str,
     tuned: Mapping[str, Any] = NO_PARAMETERS,

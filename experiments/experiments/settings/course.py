@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from experiments.settings.preregistration import Course
-from experiments.study import demand
-from experiments.study.demand import Circle, Task
+from experiments.settings import demand
+from experiments.settings.demand import Circle, Task
+from experiments.settings.plan import Plan
 from scenario_publisher import lines
 from scenario_publisher.families import scenario_document
 
@@ -45,7 +45,7 @@ class Layout(NamedTuple):
         return f'Layout({self.obstacles}, edges {self.right:g} to {self.left:g} m)'
 
 
-def entry_of(course: Course, speed: float) -> float:
+def entry_of(course: Plan, speed: float) -> float:
     """Return the length [m] of the straight before the first change at a speed [m/s]."""
     return max(course.least_entry_m, course.entry_s * speed + course.entry_extra_m)
 
@@ -103,7 +103,7 @@ def _beside(path, x, side, radius, gap):
     return Disc(x - away * np.sin(psi), y + away * np.cos(psi), radius)
 
 
-def document(layout: Layout, speed: float, course: Course) -> dict[str, Any]:
+def document(layout: Layout, speed: float, course: Plan) -> dict[str, Any]:
     """Return the scenario of a layout at a constant speed [m/s] as the contents of a file."""
     finish = layout.end + max(course.after_s * speed, course.least_after_m)
     behind = finish - layout.end + course.horizon_s * speed
@@ -137,12 +137,12 @@ def document(layout: Layout, speed: float, course: Course) -> dict[str, Any]:
     )
 
 
-def scenario_text(layout: Layout, speed: float, course: Course) -> str:
+def scenario_text(layout: Layout, speed: float, course: Plan) -> str:
     """Return the scenario of a layout at a constant speed [m/s] as the text of a file."""
     return yaml.safe_dump(document(layout, speed, course), sort_keys=False)
 
 
-def required_curvature(values: Mapping[str, Any], circle_radius: float, course: Course) -> float:
+def required_curvature(values: Mapping[str, Any], circle_radius: float, course: Plan) -> float:
     """Return the least peak curvature [1/m] that keeps the safety distances of the drawn values.
 
     The lateral acceleration of a point mass grows with the square of its speed, so this number

@@ -17,7 +17,7 @@ from experiments import code_version, simulation
 from experiments.settings import arms, measures, plant_variants
 from experiments.settings.arms import Arm
 from experiments.settings.course import NAME
-from experiments.settings.preregistration import Perturbation, Preconditions, Preregistration
+from experiments.settings.plan import Plan
 from experiments.settings.setting import Setting
 from experiments.simulation import Setup
 from msgs_yaml.types import VehicleState
@@ -36,8 +36,8 @@ class DriveTask(NamedTuple):
     name: str  # of the arm
     arm: Arm
     perturbation: int  # its number
-    start: Perturbation
-    preconditions: Preconditions  # what braking means
+    start: Plan
+    preconditions: Plan  # what braking means
 
     def __repr__(self) -> str:
         return f'DriveTask({self.setting.number}, {self.name}, {self.perturbation})'
@@ -52,7 +52,7 @@ class DriveTask(NamedTuple):
 
 
 def plan_drive(
-    plan: Preregistration,
+    plan: Plan,
     setting: Setting,
     name: str,
     perturbation: int = 0,

@@ -12,9 +12,9 @@ from bags.evaluation.metrics.driving import planned_brake_onset
 from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.evaluation.series import compute_series
 from bags.storage.columns import Columns
-from experiments.settings.preregistration import BrakeCondition
+from experiments.drive_row import solver_statistics
+from experiments.settings.plan import Plan
 from experiments.settings.setting import Setting
-from experiments.study.run_spec import solver_statistics
 
 # metrics of `bags compare` that the table takes as they are
 KEPT = (
@@ -27,7 +27,7 @@ KEPT = (
 
 
 def measure(
-    drive: Drive, columns: Mapping[str, Columns], setting: Setting, brake: BrakeCondition
+    drive: Drive, columns: Mapping[str, Columns], setting: Setting, brake: Plan
 ) -> dict[str, Any]:
     """Return the measures of a drive by the name of their column; None has no meaning in it."""
     facts = drive.facts._replace(

@@ -5,7 +5,7 @@ from typing import Any
 
 from experiments.settings import preconditions, primaries
 from experiments.settings.arms import BASELINES, MPCC, NO_CA
-from experiments.settings.preregistration import Preregistration
+from experiments.settings.plan import Plan
 
 NOT_DRIVEN: Mapping[str, Any] = {}
 # conditions that a perturbed start may change; the car without avoidance drives the first one only
@@ -22,7 +22,7 @@ def group(rows: Iterable[Mapping[str, Any]]) -> dict[int, dict[tuple[str, int], 
     return grouped
 
 
-def build(plan: Preregistration, rows: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
+def build(plan: Plan, rows: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
     """Yield a row for each setting, version of the baseline and perturbation that was driven.
 
     Columns: setting, S, baseline, perturbation; P0 to P4 of the unperturbed drives; `start.P2` to
@@ -44,19 +44,12 @@ def build(plan: Preregistration, rows: Iterable[Mapping[str, Any]]) -> Iterator[
             yield from _baseline_rows(plan, number, drives, baseline)
 
 
-def levels(plan: Preregistration, drives: Rows, baseline: str) -> preconditions.Levels | None:
+def levels(plan: Plan, drives: Rows, baseline: str) -> preconditions.Levels | None:
     """Return the conditions of a setting, None without the unperturbed drives."""
     arms = (NO_CA, MPCC, baseline)
     if any((arm, 0) not in drives for arm in arms):
         return None
     return preconditions.evaluate(plan.preconditions, *(drives[arm, 0] for arm in arms))
-
-
-def is_accepted(plan: Preregistration, drives: Rows, baselines: Iterable[str] = BASELINES) -> bool:
-    """Return whether a setting is at P3 for one of some versions of the baseline."""
-    met = [levels(plan, drives, baseline) for baseline in baselines]
-    least = plan.decision.from_level
-    return any(reached and reached.reaches(preconditions.ACCEPTED, least) for reached in met)
 
 
 def _baseline_rows(plan, number, drives, baseline):

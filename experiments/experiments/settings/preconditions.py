@@ -7,7 +7,7 @@ evaluated alone, so that every level can be reported. A drive with an error meet
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from experiments.settings.preregistration import LEVELS, Preconditions
+from experiments.settings.plan import LEVELS, Plan
 
 Row = Mapping[str, Any]  # of the table: one drive
 ACCEPTED = 'P3'
@@ -27,7 +27,7 @@ class Levels(NamedTuple):
         return all(self[LEVELS.index(least) : LEVELS.index(level) + 1])
 
 
-def evaluate(conditions: Preconditions, no_ca: Row, mpcc: Row, baseline: Row) -> Levels:
+def evaluate(conditions: Plan, no_ca: Row, mpcc: Row, baseline: Row) -> Levels:
     """Return the conditions that the unperturbed drives of a setting meet."""
     compared = (mpcc, baseline)
     return Levels(
@@ -45,12 +45,7 @@ def hits_first(no_ca: Row, by: str) -> bool:
     return gap is not None and gap < 0.0
 
 
-def hits_first_at_all(no_ca: Row) -> bool:
-    """Return whether circle or outline hits obstacle 1: the other controllers drive it then."""
-    return hits_first(no_ca, 'circle') or hits_first(no_ca, 'outline')
-
-
-def reaches_limit(row: Row, conditions: Preconditions) -> bool:
+def reaches_limit(row: Row, conditions: Plan) -> bool:
     """Return whether a car reaches the lateral limit of the plant as P3 asks."""
     return _number(row, 'limit_share') >= conditions.P3.least_limit_share
 

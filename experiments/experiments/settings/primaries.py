@@ -7,7 +7,7 @@ that does not brake has no onset) is None, and neither holds nor fails.
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from experiments.settings.preregistration import Primaries
+from experiments.settings.plan import Plan
 
 Row = Mapping[str, Any]  # of the table: one drive
 CLAIMS = ('unsafe_area', 'sideslip', 'brake_onset', 'min_speed', 'conjunction')
@@ -24,7 +24,7 @@ UNKNOWN = Outcome(None, None)
 ALL_UNKNOWN = dict.fromkeys(CLAIMS, UNKNOWN)
 
 
-def evaluate(rules: Primaries, mpcc: Row, baseline: Row) -> dict[str, Outcome]:
+def evaluate(rules: Plan, mpcc: Row, baseline: Row) -> dict[str, Outcome]:
     """Return the outcome of every claim on two drives of one setting and perturbation."""
     outcomes = {
         'unsafe_area': _unsafe_area(rules, mpcc, baseline),

@@ -8,10 +8,10 @@ from bags.evaluation.geometry import Outline
 from bags.evaluation.vehicle_shape import circles_of
 from experiments.batch import distributions
 from experiments.settings import course, plant_variants
+from experiments.settings.plan import Plan
 from experiments.settings.plant_variants import Plant
-from experiments.settings.preregistration import Circles, Preregistration
 from scenario_publisher import scenario
-from scenario_publisher.scenario_file import ScenarioError
+from scenario_publisher.scenario import ScenarioError
 
 # why a drawn point is no setting
 TOO_NEAR = 'a safety distance cannot be kept'
@@ -44,12 +44,12 @@ class Rejected(NamedTuple):
     reason: str  # one of those above
 
 
-def draw(plan: Preregistration, seed: int, first: int, count: int) -> list[dict[str, Any]]:
+def draw(plan: Plan, seed: int, first: int, count: int) -> list[dict[str, Any]]:
     """Return the values of the points `first` to `first + count - 1` of the sequence of a seed."""
     return distributions.sample(plan.dimensions, count, seed, first)
 
 
-def build(plan: Preregistration, number: int, values: Mapping[str, Any]) -> Setting | Rejected:
+def build(plan: Plan, number: int, values: Mapping[str, Any]) -> Setting | Rejected:
     """Return the setting of a drawn point, or why it is none."""
     # before anything is computed: a car on the path is nearer to the right edge than allowed
     if values['room_right_m'] < values['safety_edge_m']:
@@ -77,15 +77,13 @@ def build(plan: Preregistration, number: int, values: Mapping[str, Any]) -> Sett
     return Setting(number, values, curvature, speed, text, plant, radius, offsets, at)
 
 
-def build_range(
-    plan: Preregistration, seed: int, first: int, count: int
-) -> list[Setting | Rejected]:
+def build_range(plan: Plan, seed: int, first: int, count: int) -> list[Setting | Rejected]:
     """Return the settings of consecutive points, or why they are none."""
     drawn = enumerate(draw(plan, seed, first, count), start=first)
     return [build(plan, number, values) for number, values in drawn]
 
 
-def vehicle_circles(count: int, plant: Plant, circles: Circles) -> tuple[float, tuple[float, ...]]:
+def vehicle_circles(count: int, plant: Plant, circles: Plan) -> tuple[float, tuple[float, ...]]:
     """Return radius and offsets [m] of the vehicle circles.
 
     One is that of the paper, at the centre of gravity; two are those of the baseline's lineage,

@@ -1,5 +1,6 @@
 """The rows of a study are its full grid; runs and draws are paired."""
 
+import numpy as np
 import pytest
 
 from bags.errors import BagError
@@ -43,6 +44,19 @@ def test_more_runs_begin_with_those_of_fewer_and_another_seed_gives_others():
     more = study_rows.draw_offsets(7, seed=1)
     assert more[:3] == study_rows.draw_offsets(3, seed=1)
     assert not set(more[1:]) & set(study_rows.draw_offsets(7, seed=2))
+
+
+def test_offsets_fill_their_ranges_evenly():
+    speed, grip = map(np.array, zip(*study_rows.draw_offsets(61, seed=1)[1:]))
+    for values, spread in (
+        (speed, study_rows.SPEED_SPREAD_KPH),
+        (grip - 1, study_rows.GRIP_SPREAD),
+    ):
+        # no tenth of a range is left out, none is preferred: 6 +- 3 of 60
+        counts, _ = np.histogram((values / spread + 1) / 2, bins=10, range=(0, 1))
+        assert counts.sum() == 60
+        assert counts.min() >= 3
+        assert counts.max() <= 9
 
 
 def test_every_controller_and_setting_has_the_same_draws(write_study):

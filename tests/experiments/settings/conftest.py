@@ -1,16 +1,17 @@
-"""The preregistered study, and settings of it that are easy to drive."""
+"""The study, and settings of it that are easy to drive."""
 
 import pytest
 from drawn_values import VALUES
 
-from experiments.settings import plant_variants, preregistration, setting
+from experiments.settings import plan as plans
+from experiments.settings import plant_variants, setting
 from experiments.settings.plant_variants import Variant
 
 
 @pytest.fixture(scope='session')
 def plan():
-    """Return the preregistration."""
-    return preregistration.load()
+    """Return ranges, arms and rules of the study."""
+    return plans.load()
 
 
 @pytest.fixture(scope='session')

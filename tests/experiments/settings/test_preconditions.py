@@ -4,10 +4,10 @@ import math
 
 import pytest
 
-from experiments.settings import outcomes, preconditions, preregistration, primaries
+from experiments.settings import outcomes, plan, preconditions, primaries
 from experiments.settings.preconditions import Levels
 
-PLAN = preregistration.load()
+PLAN = plan.load()
 GOOD = {
     'setting': 7,
     'S': 0.8,
@@ -46,9 +46,8 @@ def test_an_easy_task_fails_the_first_condition_only():
 def test_the_contact_of_the_circle_counts_and_that_of_the_outline_is_told_apart():
     assert preconditions.hits_first(HIT, 'circle')
     assert not preconditions.hits_first(HIT, 'outline')
-    assert preconditions.hits_first_at_all(HIT)
     assert not evaluate(no_ca=GOOD).P1
-    assert preconditions.hits_first_at_all(GOOD | {'outline_1_m': -0.01})
+    assert preconditions.hits_first(GOOD | {'outline_1_m': -0.01}, 'outline')
 
 
 @pytest.mark.parametrize(
@@ -209,11 +208,3 @@ def test_a_start_without_a_result_of_an_accepted_setting_is_an_unknown_one(is_mi
     *_, last = outcomes.build(PLAN, rows)
     assert (last['perturbation'], last['start.P2']) == (4, False)
     assert all(last[f'{claim}.holds'] is None for claim in primaries.CLAIMS)
-
-
-def test_a_setting_may_be_accepted_for_one_version_of_the_baseline_alone():
-    rows = [row('mpcc_no_ca'), row('mpcc'), row('frenet_matched', lost=True), row('frenet_lineage')]
-    (drives,) = outcomes.group(rows).values()
-    assert outcomes.is_accepted(PLAN, drives)
-    assert outcomes.is_accepted(PLAN, drives, ('frenet_lineage',))
-    assert not outcomes.is_accepted(PLAN, drives, ('frenet_matched',))

@@ -9,16 +9,13 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bags.errors import BagError
 from experiments import plant_limit
 from experiments.batch import distributions
-from experiments.settings import arms, course, drive, plant_variants, preregistration, setting
+from experiments.settings import arms, course, demand, drive, plant_variants, setting
+from experiments.settings.demand import Circle, Task
+from experiments.settings.plan import Plan
 from experiments.settings.plant_variants import Variant
-from experiments.settings.preregistration import Perturbation
 from experiments.settings.setting import Rejected, Setting
-from experiments.study import demand
-from experiments.study.demand import Circle, Task
-from msgs_yaml import share
 from scenario_publisher import scenario
 from vehicle_plant import parameters as plant_parameters
 
@@ -218,7 +215,7 @@ def test_a_perturbation_moves_the_start_alone(plan, make_setting):
     nominal, faster = (
         drive.prepare(drive.plan_drive(plan, made, arms.MPCC, number)) for number in (0, 1)
     )
-    moved = drive.plan_drive(plan, made, arms.MPCC)._replace(start=Perturbation(0.0, 0.01))
+    moved = drive.plan_drive(plan, made, arms.MPCC)._replace(start=Plan(speed_mps=0.0, y_m=0.01))
     aside = drive.prepare(moved)
     assert faster.scn.start.speed == pytest.approx(nominal.scn.start.speed + 0.05)
     assert pytest.approx(nominal.scn.start.Y + 0.01) == aside.scn.start.Y
@@ -236,31 +233,10 @@ def test_different_drives_have_different_keys(plan, make_setting):
     assert drive.key(drive.plan_drive(plan, made, arms.MPCC)) == keys[0]
 
 
-@pytest.mark.parametrize(
-    ('old', 'new', 'message'),
-    [
-        ('change_1_m: {uniform: [14.0, 35.0]}', 'change_3_m: {uniform: [14.0, 35.0]}', 'change_3'),
-        ('least_S: 0.7', 'least_S: -1', r'least_S: .*allowed 0 to 10'),
-        ('level: P4, margin: 2.0', 'level: P9, margin: 2.0', "allowed 'P0' or 'P1'"),
-        (
-            'S: {log_uniform: [0.1, 1.2]}',
-            'S: {log_uniform: [0.0, 1.2]}',
-            r'S\.log_uniform: .*allowed above 0',
-        ),
-    ],
-)
-def test_a_mistake_in_the_preregistration_is_named(tmp_path, old, new, message):
-    text = share.path('experiments', *preregistration.FILE).read_text()
-    assert old in text
-    (tmp_path / 'plan.yaml').write_text(text.replace(old, new))
-    with pytest.raises(BagError, match=message):
-        preregistration.load(tmp_path / 'plan.yaml')
-
-
 def test_some_drawn_points_are_settings_and_the_others_have_a_reason(plan):
     one_plant = {'car': 'bmw_545i.yaml', 'rear_cornering': 0.944, 'roll_share': 0.6}
     fixed = {name: distributions.Choice((value,)) for name, value in one_plant.items()}
-    narrow = dataclasses.replace(plan, dimensions=plan.dimensions | fixed)
+    narrow = Plan(**{**vars(plan), 'dimensions': plan.dimensions | fixed})
     built = setting.build_range(narrow, 1, 0, 48)
     found = [one for one in built if isinstance(one, Setting)]
     assert found
