@@ -97,8 +97,8 @@ def _groups(cls, prefix, values: Mapping[str, Any], comments: Mapping[str, str],
             if first.lower() in second.lower():
                 meaning = second
             else:
-                said = not second or second.lower() in first.lower()
-                meaning = first if said else f'{first}; {second}'
+                is_whole = not second or second.lower() in first.lower()
+                meaning = first if is_whole else f'{first}; {second}'
             meanings[cls, name] = meaning = meaning or meanings.get((cls, name), '')
             rows.append(
                 ParameterDoc(

@@ -133,9 +133,9 @@ def parse(text: str, source: str) -> Scenario:
         refused, check = root.error_at(*error.args), error.check
     except YamlError as error:
         refused = error
-    told = ScenarioError(str(refused))
-    told.check = check
-    raise told
+    wrong = ScenarioError(str(refused))
+    wrong.check = check
+    raise wrong
 
 
 @contextmanager
