@@ -1,16 +1,15 @@
 """How fast are a drive in process, its ticks and the node graph? Figures of docs/performance.md.
 
-    .venv/bin/python bench/loop.py [--repeats N] [--scaling] [--ring] [--json bench/loop.json]
+    .venv/bin/python bench/loop.py [--repeats N] [--scaling] [--ring] [--out bench/loop.md]
 
 Nothing else should run. Without options it times drives of `SCENARIO` in process; --scaling adds
 how a tick grows with the length of the path, --ring a recorded drive of the node graph in lockstep.
-Writes the JSON and a page beside it (.md).
+Writes a page.
 """
 
 import argparse
 import gc
 import itertools
-import json
 import os
 import subprocess
 import sys
@@ -269,7 +268,7 @@ def main() -> None:
     parser.add_argument('--repeats', type=int, default=10, help='drives per controller and kind')
     parser.add_argument('--scaling', action='store_true', help='ticks by length of the path')
     parser.add_argument('--ring', action='store_true', help='the node graph, too')
-    parser.add_argument('--json', type=Path, default=Path(__file__).with_suffix('.json'))
+    parser.add_argument('--out', type=Path, default=Path(__file__).with_suffix('.md'))
     options = parser.parse_args()
     results = {
         'machine': machine.named(),
@@ -282,10 +281,9 @@ def main() -> None:
         results['ring'] = measure_ring()
     listed = tables(results)
     print('\n'.join(listed))
-    options.json.write_text(json.dumps(results, indent=2) + '\n')
     about = ', '.join(f'{key} {value}' for key, value in results['machine'].items())
     head = f'# The loop around the maths\n\n`python bench/loop.py`: {about}.\n\n{KINDS}\n\n'
-    options.json.with_suffix('.md').write_text(head + '\n'.join(listed))
+    options.out.write_text(head + '\n'.join(listed))
 
 
 if __name__ == '__main__':

@@ -21,7 +21,7 @@ from mpcc_controller.driving.tick_report import LEFT_OUT, OK
 from mpcc_controller.driving.watchdog import STATE_STALE, HealthMonitor
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import conversions, decode, encode, share
-from node_runtime import help_node, parameters, ros, scheduling, spin_node
+from node_runtime import parameters, ros, scheduling, spin_node
 from node_runtime.clocks import SteadyClock
 from node_runtime.log_filters import ChangeFilter
 from node_runtime.managed_node import ManagedNode
@@ -389,8 +389,7 @@ def main(config: str = MPCC_CONFIG) -> None:
     """Run a controller node until it is stopped; exit with its code."""
     about = f'Answer every state of the car with a command; defaults from config/{config}.'
     example = '--ros-args -p mode:=realtime -p weights.lag:=10.0'
-    help_node.parse(help_node.parser(about, example))
-    sys.exit(spin_node.spin(lambda: ControllerNode(config)))
+    sys.exit(spin_node.run(lambda: ControllerNode(config), about, example))
 
 
 def mpcc_main() -> None:

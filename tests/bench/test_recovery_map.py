@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import recovery_map
 
-from bags.storage.columns import Odometry
+from bags.storage.columns import Columns, names
 from scenario_publisher import scenario
 from vehicle_plant import parameters as plant_parameters
 
@@ -14,7 +14,8 @@ def odometry(sideslip_deg, yaw_rate, y=0.0, yaw=0.0, speed=20.0):
     t = np.arange(0, 2, 0.01)
     given = (np.radians(sideslip_deg), yaw_rate, y, yaw)
     beta, r, Y, psi = (np.broadcast_to(values, t.shape) for values in given)
-    return Odometry(t * 1e9, t, speed * t, Y, psi, speed * np.cos(beta), speed * np.sin(beta), r)
+    values = (t * 1e9, t, speed * t, Y, psi, speed * np.cos(beta), speed * np.sin(beta), r)
+    return Columns(**dict(zip(names('/vehicle/odometry'), values)))
 
 
 @pytest.fixture(scope='module')

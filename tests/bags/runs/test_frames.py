@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from one_second import FOUR, SLIPS, every_message
 
-from bags.analysis import frames
-from bags.storage.columns import TOPICS, table_type
+from bags import frames
+from bags.storage.columns import TOPICS, Columns, names
 from msgs_yaml import contract
 
 SENT = every_message()
@@ -17,7 +17,7 @@ def test_numbers_of_the_state_by_time(second):
     frame = second.frame('/vehicle/odometry')
     assert frame.index.name == 't_s'
     assert frame.index[-1] == pytest.approx(0.999)
-    assert list(frame) == ['stamp_ns', *table_type('/vehicle/odometry')._fields[2:]]
+    assert list(frame) == ['stamp_ns', *names('/vehicle/odometry')[2:]]
     assert frame['y_m'].iloc[3] == SENT['/vehicle/odometry'][3].Y
     assert frame['stamp_ns'].dtype == np.int64
 
@@ -51,7 +51,7 @@ def test_an_obstacle_is_not_a_number_while_it_is_absent(second):
     table = second.table('/scenario/obstacles')
     first = table.values[0]._replace(items=table.values[0].items[1:])
     frame = frames.frame_of(
-        '/scenario/obstacles', table._replace(values=(first, *table.values[1:]))
+        '/scenario/obstacles', Columns(table.stamp_ns, table.t_s, values=(first, *table.values[1:]))
     )
     assert np.isnan(frame['x_m.1'].iloc[0])
     assert frame['x_m.1'].iloc[1] == 40.0
@@ -103,15 +103,15 @@ def test_every_topic_that_is_decoded_has_a_frame():
 
 @pytest.mark.parametrize('topic', TOPICS)
 def test_units_are_those_of_the_contract(topic):
-    described = frames.describe_topic(topic)
+    described = frames.describe(topic)
     for name, ending in {
         'yaw_rad': 'rad',
         'ax_mps2': 'm/s²',
         'load_n': 'N',
         'torque_nm': 'N m',
     }.items():
-        assert name not in described or described[name].unit == ending
-    assert all(column.unit for column in described.values())
+        assert name not in described.index or described.loc[name, 'unit'] == ending
+    assert described['unit'].all()
 
 
 def test_without_pandas_the_extra_is_named(second, monkeypatch):

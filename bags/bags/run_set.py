@@ -17,19 +17,20 @@ import itertools
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, overload
 
 from rich.console import Console
 
-from bags.analysis import frames
-from bags.analysis.run import Run
+from bags import frames, metrics_table
 from bags.errors import BagError
-from bags.report import metrics_table
+from bags.run import Run, UnknownNameError, load
 from msgs_yaml.strict_yaml import closest
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
+
+__all__ = ['Run', 'RunSet', 'compare', 'load']
 
 TABLE_RUNS = 6  # up to so many are printed as a table
 MCAP = '.mcap'
@@ -58,7 +59,7 @@ class RunSet(Sequence[Run]):
         if isinstance(which, str):
             if which not in self.by_label:
                 known = ', '.join(map(repr, self.by_label))
-                raise UnknownRunError(
+                raise UnknownNameError(
                     f'no run {which!r}{closest(which, self.by_label)}; there are {known}'
                 )
             return self.by_label[which]
@@ -84,13 +85,16 @@ class RunSet(Sequence[Run]):
         """
         pandas = frames.import_pandas()
         settings = list(dict.fromkeys(name for run in self for name in run.settings))
-        rows = [self._row(run, settings) for run in self]
+        rows = [
+            {
+                'scenario': run.scenario,
+                'controller': run.controller,
+                **{name: run.settings.get(name, run.parameters.get(name)) for name in settings},
+                **run.metrics.flat(),
+            }
+            for run in self
+        ]
         return pandas.DataFrame(rows, index=pandas.Index(self.labels, name='run'))
-
-    def _row(self, run, settings) -> dict[str, Any]:
-        changed = {name: run.settings.get(name, run.parameters.get(name)) for name in settings}
-        about = {'scenario': run.scenario, 'controller': run.controller}
-        return about | changed | run.metrics.flat()
 
     def figure(self, name: str = 'comparison') -> 'Figure':
         """Return a figure of the comparison: the sheet of all panels, or one of them.
@@ -98,22 +102,19 @@ class RunSet(Sequence[Run]):
         Raises BagError for an unknown name, and for runs of different scenarios.
         """
         # matplotlib takes a second to load
-        from bags.analysis import drawing
+        from bags.figures import comparison_figures
 
-        return drawing.draw(self.by_label, name)
+        return comparison_figures.draw(self.by_label, name)
 
     def report(self, folder: str | os.PathLike[str]) -> Path:
         """Write report.html, comparison.json, comparison.csv and figures; return the report.
 
         Raises BagError for runs of different scenarios.
         """
-        from bags.analysis import drawing
-        from bags.evaluation.controller_log import controller_log
-        from bags.report.comparison import compare_drives
+        from bags.figures import comparison_figures
+        from bags.report.comparison import compare_runs
 
-        drives = {run.name: run.drive for run in drawing.drawn_runs(self.by_label)}
-        logs = {name: controller_log(r.tables, r.run_info) for name, r in self.by_label.items()}
-        return compare_drives(drives, Path(folder), logs=logs).report
+        return compare_runs(comparison_figures.drawn_runs(self.by_label), Path(folder)).report
 
     def __repr__(self) -> str:
         """Return the table of the metrics; of more than six runs a line each."""
@@ -129,13 +130,6 @@ class RunSet(Sequence[Run]):
         console = Console(file=out, width=WIDTH, color_system=None, force_jupyter=False)
         console.print(metrics_table.build_table(values))
         return '\n'.join(line.rstrip() for line in out.getvalue().splitlines())
-
-
-class UnknownRunError(BagError, KeyError):
-    """No run has this label; the message says which there are."""
-
-    def __str__(self) -> str:
-        return self.args[0]
 
 
 def compare(*runs: Run) -> RunSet:

@@ -5,7 +5,7 @@ Rows, titles and units come from the registry of metrics.
 
 import csv
 import io
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -65,14 +65,14 @@ def _lines(metric, runs) -> Iterator[Line]:
     values = [run[metric.name] for run in runs.values()]
     if metric.optional and all(value is None for value in values):
         return
-    if not any(isinstance(value, Mapping) for value in values):
-        cells = [cell(metric, run[metric.name], run) for run in runs.values()]
-        yield Line(metric.title, metric.unit, cells, '')
-        return
-    for key in dict.fromkeys(key for value in values for key in value):
+    keys = {'': metric.title}
+    if any(isinstance(value, Mapping) for value in values):
+        keys = {key: metric.labels.get(key, key) for value in values for key in value}
+    for key, label in keys.items():
+        single = [value.get(key) if key else value for value in values]
+        cells = [cell(metric, value, run) for value, run in zip(single, runs.values())]
         paper = f'{metric.paper[key]:.{metric.decimals}f}' if key in metric.paper else ''
-        cells = [cell(metric, run[metric.name].get(key), run) for run in runs.values()]
-        yield Line(metric.title.format(metric.labels.get(key, key)), metric.unit, cells, paper)
+        yield Line(metric.title.format(label), metric.unit, cells, paper)
 
 
 def cell(metric: Metric, value: Any, run: Mapping[str, Any]) -> Cell:
@@ -85,16 +85,17 @@ def cell(metric: Metric, value: Any, run: Mapping[str, Any]) -> Cell:
         good = value == metric.good_when
         # a good value is green only in a run that is sound; a bad one is red in every run
         text = metric.yes.format(**run) if value else 'no'
-        return Cell(text, None if good and not is_sound(run) else good)
+        return Cell(text, None if good and (run.get('lost') or run.get('left_road')) else good)
     if isinstance(value, list):
         texts = [f'{item["amount_m"]:.2f} at {item["x_m"]:.0f}' for item in value]
         return Cell('\n'.join(texts) or 'none')
     return Cell(f'{value:.{metric.decimals}f}')
 
 
-def is_sound(run: Mapping[str, Any]) -> bool:
-    """Return whether a run stayed on the road and under control: otherwise nothing is green."""
-    return not (run.get('lost') or run.get('left_road'))
+def chosen_cells(chosen: Iterable[Metric], run: Mapping[str, Any]) -> list[Text]:
+    """Return the coloured cells of chosen metrics in the row of a run."""
+    cells = (cell(metric, run[metric.name], run) for metric in chosen)
+    return [Text(value.text, COLOURS[value.good]) for value in cells]
 
 
 def narrow_table(title: str) -> Table:
@@ -138,10 +139,8 @@ def _build_rows(comparison):
         unit = f' [{metric.unit}]' if metric.unit else ''
         table.add_column(Text(f'{metric.title}{unit}'), justify='right')
     for name, run in comparison['runs'].items():
-        cells = [cell(metric, run[metric.name], run) for metric in chosen]
         cut = ', bag cut' if name in comparison.get('damage', {}) else ''
-        texts = [Text(value.text, COLOURS[value.good]) for value in cells]
-        table.add_row(Text(f'{name}{cut}'), *texts)
+        table.add_row(Text(f'{name}{cut}'), *chosen_cells(chosen, run))
     return table
 
 
@@ -171,16 +170,20 @@ def metrics_csv(runs: Mapping[str, Mapping[str, Any]]) -> str:
     """
     columns = {name: flatten(run) for name, run in runs.items()}
     rows = dict.fromkeys(row for column in columns.values() for row in column)
+    cells = ([row, *(column.get(row) for column in columns.values())] for row in rows)
+    return csv_text(['metric', *columns], cells)
+
+
+def csv_text(header: Sequence[str], rows: Iterable[Sequence[Any]], names: int = 1) -> str:
+    """Return a CSV with every digit, and nothing where there is no value.
+
+    The first `names` cells of a row are texts, the others JSON values.
+    """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator='\n')
-    writer.writerow(['metric', *columns])
+    writer.writerow(header)
     for row in rows:
-        writer.writerow([row, *(csv_cell(column.get(row)) for column in columns.values())])
+        texts = (str(v).lower() if isinstance(v, bool) else repr(v) for v in row[names:])
+        shown = ('' if v is None else text for v, text in zip(row[names:], texts))
+        writer.writerow([*row[:names], *shown])
     return out.getvalue()
-
-
-def csv_cell(value: Any) -> str:
-    """Return a value for a CSV file: every digit, nothing where there is none."""
-    if value is None:
-        return ''
-    return str(value).lower() if isinstance(value, bool) else repr(value)

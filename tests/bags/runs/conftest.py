@@ -5,8 +5,8 @@ import pytest
 from one_second import every_message
 
 import bags
-from bags.analysis.run import Origin, from_tables
 from bags.evaluation.drive import Obstacle
+from bags.run import Run
 from bags.storage import columns
 from msgs_yaml import flat_fields
 
@@ -42,7 +42,8 @@ def second():
         t_s = (stamps - stamps[0]) * 1e-9
         if topic in flat_fields.TYPES:
             _, *fields = zip(*values)
-            tables[topic] = columns.table_type(topic)(stamps, t_s, *map(np.array, fields))
+            named = dict(zip(columns.names(topic)[2:], map(np.array, fields)))
+            tables[topic] = columns.Columns(stamps, t_s, **named)
         else:
-            tables[topic] = columns.Values(stamps, t_s, tuple(values))
-    return from_tables(tables, Origin('one second', {}))
+            tables[topic] = columns.Columns(stamps, t_s, values=tuple(values))
+    return Run(tables, 'one second', {})

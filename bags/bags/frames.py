@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from bags.evaluation import signals
-from bags.evaluation.signals import MEMBER
+from bags.evaluation.signals import MEMBER, SIGNALS
 from bags.storage.columns import TOPICS, Columns
 from msgs_yaml import contract
 from msgs_yaml.flat_fields import HEADING
@@ -137,10 +136,15 @@ def frame_of(topic: str, table: Columns) -> 'pd.DataFrame':
     Raises KeyError for a topic without table, ImportError without pandas.
     """
     pandas = import_pandas()
-    if topic in TOPICS:
-        fields = {name: column for name, column in table._asdict().items() if name != INDEX}
-        return pandas.DataFrame(_flat(fields), index=_time(pandas, table.t_s))
-    return _BUILDERS[topic](pandas, table)
+    if topic not in TOPICS:
+        return _BUILDERS[topic](pandas, table)
+    flat: dict[str, np.ndarray] = {}
+    for name, values in vars(table).items():
+        if values.ndim == 2:
+            flat |= {f'{name}{MEMBER}{wheel}': v for wheel, v in zip(WHEELS, values.T)}
+        elif name != INDEX:
+            flat[name] = values
+    return pandas.DataFrame(flat, index=_time(pandas, table.t_s))
 
 
 def signal_frame(t_s: np.ndarray, columns: Mapping[str, np.ndarray]) -> 'pd.DataFrame':
@@ -149,43 +153,29 @@ def signal_frame(t_s: np.ndarray, columns: Mapping[str, np.ndarray]) -> 'pd.Data
     return pandas.DataFrame(dict(columns), index=_time(pandas, t_s))
 
 
-def describe_topic(topic: str) -> dict[str, Column]:
-    """Return unit and meaning of each column of a topic; KeyError for a topic without table."""
-    if topic not in TOPICS:
-        return COMMON | MEANINGS[topic]
-    units: dict[str, str] = {}
-    for field in contract.load().topics[topic].fields.values():
-        # the numbers of a heading are those of its quaternion
-        is_heading = field.value == HEADING
-        units[field.column] = 'rad' if is_heading else field.unit.replace('^2', '²')
-    meanings = TABLE_MEANINGS[topic].items()
-    return COMMON | {name: Column(units[name], meaning) for name, meaning in meanings}
+def describe(topic: str = '') -> 'pd.DataFrame':
+    """Return unit and meaning by column of a topic, by default of the derived signals.
 
-
-def describe_signals() -> dict[str, Column]:
-    """Return unit and meaning of each derived signal."""
-    return {signal.name: Column(signal.unit, signal.meaning) for signal in signals.SIGNALS.values()}
-
-
-def description_frame(columns: Mapping[str, Column]) -> 'pd.DataFrame':
-    """Return unit and meaning by column as a DataFrame."""
+    Raises KeyError for a topic without table, ImportError without pandas.
+    """
     pandas = import_pandas()
-    from bags.analysis.description import Description
+    if not topic:
+        columns = {entry.name: Column(entry.unit, entry.meaning) for entry in SIGNALS.values()}
+    elif topic in TOPICS:
+        units = {
+            # the numbers of a heading are those of its quaternion
+            field.column: 'rad' if field.value == HEADING else field.unit.replace('^2', '²')
+            for field in contract.load().topics[topic].fields.values()
+        }
+        meanings = TABLE_MEANINGS[topic].items()
+        columns = COMMON | {name: Column(units[name], meaning) for name, meaning in meanings}
+    else:
+        columns = COMMON | MEANINGS[topic]
+    from bags.description import Description
 
     return Description(
         [*columns.values()], index=pandas.Index(columns, name='column'), columns=Column._fields
     )
-
-
-def _flat(fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return columns (n,) of fields (n,), or (n, 4) of the wheels."""
-    flat: dict[str, np.ndarray] = {}
-    for name, values in fields.items():
-        if values.ndim == 2:
-            flat |= {f'{name}{MEMBER}{wheel}': v for wheel, v in zip(WHEELS, values.T)}
-        else:
-            flat[name] = values
-    return flat
 
 
 def _time(pandas, t_s):
@@ -255,15 +245,9 @@ def _obstacles(pandas, table):
     return frame[['stamp_ns', *(f'{name}{MEMBER}{k}' for k in numbers for name in names)]]
 
 
-def _why(pandas, table):
-    rows = ({'level': w.level, 'message': w.message, **w.values} for w in table.values)
-    return _records(pandas, table, rows)
-
-
-def _health(pandas, table):
-    rows = (
-        {'node': h.name, 'level': h.level, 'message': h.message, **h.values} for h in table.values
-    )
+def _reports(pandas, table, about):
+    """Return the frame of reports; `about` are the fields that come before their values."""
+    rows = ({**{n: getattr(v, f) for n, f in about.items()}, **v.values} for v in table.values)
     return _records(pandas, table, rows)
 
 
@@ -276,8 +260,10 @@ _BUILDERS: dict[str, Callable[[Any, Columns], 'pd.DataFrame']] = {
     '/scenario/road_edges': _edges,
     '/scenario/obstacles': _obstacles,
     '/controller/prediction': partial(_poses, level='stage', fields={'ahead_s': 't', **POSE}),
-    '/controller/why': _why,
-    '/diagnostics': _health,
+    '/controller/why': partial(_reports, about={'level': 'level', 'message': 'message'}),
+    '/diagnostics': partial(
+        _reports, about={'node': 'name', 'level': 'level', 'message': 'message'}
+    ),
     '/clock': _times,
     '/vehicle/run_start': _times,
 }

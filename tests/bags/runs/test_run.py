@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 import bags
-from bags.analysis.run import UnknownTopicError
 from bags.errors import BagError, InvalidMessagesWarning
 from bags.evaluation import metrics, signals
-from bags.evaluation.drive import drive_from_bag
 from bags.evaluation.metrics.registry import METRICS
+from bags.run import UnknownNameError
 from bags.storage import read
 
 ROOT = Path(__file__).parents[3]
@@ -36,8 +35,7 @@ def unit_of(name):
 
 
 def test_metrics_are_those_of_the_comparison(run):
-    bag = read.load(run.source)
-    assert dict(run.metrics) == metrics.compute_metrics(drive_from_bag(bag))
+    assert dict(run.metrics) == metrics.compute_metrics(run.drive)
     assert run.metrics['min_v2o_per_obstacle_m.7'] == run.metrics['min_v2o_m']
     assert run.metrics.unit('min_v2o_per_obstacle_m.7') == 'm'
     assert 'circles of the car' in run.metrics.meaning('min_v2o_m')
@@ -159,7 +157,7 @@ def test_without_an_inertial_unit_its_signals_are_absent(make_drive, write_bag):
 
 
 def test_unknown_names_have_a_suggestion(second, run):
-    with pytest.raises(UnknownTopicError, match=r'did you mean .*/vehicle/odometry'):
+    with pytest.raises(UnknownNameError, match=r'did you mean .*/vehicle/odometry'):
         second.frame('/vehicle/odometri')
     with pytest.raises(KeyError, match='min_v2o_m'):
         run.metrics['min_v2o']
