@@ -57,13 +57,13 @@ def test_the_plant_starts_and_stops_where_the_scenario_says(nodes_of, facts):
 
 def test_a_setting_wins_and_is_recorded(nodes_of):
     nodes = nodes_of(
-        'plant.friction=0.7', 'controller.solver.name=ipopt', 'plant.start.speed_mps=19'
+        'plant.friction=0.7', 'controller.solver.mode=one_step', 'plant.start.speed_mps=19'
     )
     assert nodes['plant'].parameters['friction'] == 0.7
     recorded = recorded_parameters(nodes.values())
     assert recorded['plant']['friction'] == 0.7
     assert recorded['plant']['start.speed_mps'] == 19
-    assert recorded['controller']['solver.name'] == 'ipopt'
+    assert recorded['controller']['solver.mode'] == 'one_step'
 
 
 def test_every_parameter_of_every_node_and_named_file_is_recorded(nodes_of):
@@ -86,10 +86,10 @@ def test_parameters_are_written_as_ros_reads_them(nodes_of, tmp_path):
 @pytest.mark.parametrize(
     ('text', 'expected'),
     [
-        ('solver.name=ipopt', "did you mean 'controller.solver.name'?"),
-        ('solver.nmae=ipopt', "did you mean 'controller.solver.name'?"),
+        ('solver.mode=one_step', "did you mean 'controller.solver.mode'?"),
+        ('solver.mdoe=one_step', "did you mean 'controller.solver.mode'?"),
         ('friction=1', "did you mean 'plant.friction'?"),
-        ('contoller.solver.name=ipopt', "did you mean 'controller.solver.name'?"),
+        ('contoller.solver.mode=one_step', "did you mean 'controller.solver.mode'?"),
         ('weights.lag=0', 'controller.tolerances'),
     ],
 )

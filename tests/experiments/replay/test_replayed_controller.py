@@ -73,14 +73,14 @@ def test_a_setting_of_another_form_is_refused(text, expected):
 
 
 def test_a_parameter_of_the_controller_needs_no_node_before_it():
-    texts = ['solver.name=ipopt', 'controller.tolerances.lag_m=4e-1']
-    values = {'solver.name': 'ipopt', 'tolerances.lag_m': 0.4}
+    texts = ['solver.mode=one_step', 'controller.tolerances.lag_m=4e-1']
+    values = {'solver.mode': 'one_step', 'tolerances.lag_m': 0.4}
     assert set_option.parse_controller_settings(texts) == values
 
 
 def test_a_misspelt_setting_is_refused_with_the_closest_parameter(run_info):
-    with pytest.raises(BagError, match=r"^--set: solver\.nmae: .* did you mean 'solver\.name'\?"):
-        params_of(run_info, **{'solver.nmae': 'ipopt'})
+    with pytest.raises(BagError, match=r"^--set: solver\.mdoe: .* did you mean 'solver\.mode'\?"):
+        params_of(run_info, **{'solver.mdoe': 'one_step'})
 
 
 def test_a_limit_that_the_car_would_cut_is_refused(run_info):
