@@ -19,7 +19,6 @@ from bags.errors import BagError
 from experiments.configuration import node_config, set_option
 from msgs_yaml.missing_file import YAML_SUFFIXES
 from msgs_yaml.strict_yaml import Item, Pattern, YamlError, parse_value, read
-from node_runtime import parameters
 
 KEYS = ('scenario', 'controllers', 'settings', 'labels')
 NAME = Annotated[str, Pattern(r'\S.*', 'a name or a file')]
@@ -84,7 +83,7 @@ def _parse(path, root):
 
 
 def _value(item: Item):
-    value = parameters.value_of(item)
+    value = item.value_or_empty()
     members = value if isinstance(value, list) else [value]
     if any(isinstance(member, dict | list) for member in members):
         raise item.error(
