@@ -38,12 +38,13 @@ def run(options: argparse.Namespace) -> int:
     # imported late: controllers and figures take a second to load
     from bags.figures import frame_distance_figure
     from bags.report.comparison import compare_bags, show_comparison
+    from bags.run import load
 
     if not SCENARIO.is_file():
         raise BagError(f'{SCENARIO}: is not here; `experiments paper` runs in a clone')
     console = Console()
     (bag,) = _drive(CIRCLE, [CIRCLE_CONTROLLER], options.out, (), console)
-    distances = frame_distance_figure.write_from_bag(bag, options.out / CIRCLE)
+    distances = frame_distance_figure.write_frame_distances(load(bag).drive, options.out / CIRCLE)
     driven = _drive(str(SCENARIO), list(map(str, CONTROLLERS)), options.out, SETTINGS, console)
     comparison = compare_bags(driven, options.out / 'double_lane_change')
     show_comparison(comparison, console)
