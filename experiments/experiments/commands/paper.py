@@ -36,17 +36,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Drive, compare and draw. Raises BagError."""
     # imported late: controllers and figures take a second to load
-    from bags import run as run_of
     from bags.figures import frame_distance_figure
     from bags.report.comparison import compare_bags, show_comparison
+    from bags.run import load
 
     if not SCENARIO.is_file():
         raise BagError(f'{SCENARIO}: is not here; `experiments paper` runs in a clone')
     console = Console()
     (bag,) = _drive(CIRCLE, [CIRCLE_CONTROLLER], options.out, (), console)
-    distances = frame_distance_figure.write_frame_distances(
-        run_of.load(bag).drive, options.out / CIRCLE
-    )
+    distances = frame_distance_figure.write_frame_distances(load(bag).drive, options.out / CIRCLE)
     driven = _drive(str(SCENARIO), list(map(str, CONTROLLERS)), options.out, SETTINGS, console)
     comparison = compare_bags(driven, options.out / 'double_lane_change')
     show_comparison(comparison, console)
