@@ -13,7 +13,7 @@ second_process  a function in a second process while this one continues
 
 The command `bags` and the nodes recorder_node, player_node and markers_node are built from
 these; the docstring of each package lists its modules. Nothing here imports a controller.
-docs/bags.md, docs/report.md and docs/viewers.md are the manuals. In Python:
+docs/bags.md and docs/report.md are the manuals. In Python:
 
     import bags
 
