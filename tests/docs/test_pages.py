@@ -97,7 +97,7 @@ def home(tmp_path):
     for name in ('Makefile', '.ci', *(file.name for file in ROOT.glob('requirements*.txt'))):
         (tmp_path / name).symlink_to(ROOT / name)
     (tmp_path / '.venv').symlink_to(sys.prefix)
-    for name in ('bags/reference', 'experiments/config', 'paper/picture'):
+    for name in ('bags/reference', 'experiments/config', 'paper/picture', 'docs/examples'):
         (tmp_path / name).parent.mkdir()
         (tmp_path / name).symlink_to(ROOT / name)
     return tmp_path
