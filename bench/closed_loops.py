@@ -1,4 +1,4 @@
-"""The closed loops whose problems are solved, and their simulation in process, without ROS."""
+"""The closed loops of the solvers' benchmarks, driven in process without ROS."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -22,7 +22,6 @@ from vehicle_plant.simulator import Simulator
 from vehicle_plant.stepping import LockstepStepper
 
 SCENARIOS = Path(__file__).parent / 'scenarios'
-RECORDING_SOLVER = 'fatrop'
 KPH = 1 / 3.6  # m/s
 
 
@@ -61,14 +60,13 @@ QUICK = (
 
 def controller_params(name: str) -> ControllerParams:
     """Return the parameters of a controller that comes with the package."""
-    return parameters.load(
-        ControllerParams, share.path('mpcc_controller', 'config', f'{name}.yaml')
-    )
+    file = share.path('mpcc_controller', 'config', f'{name}.yaml')
+    return parameters.load(ControllerParams, file)
 
 
-def with_solver(params: ControllerParams, name: str, **others) -> ControllerParams:
-    """Return the parameters with another solver, and its other settings where given."""
-    return replace(params, solver=replace(params.solver, name=name, **others))
+def with_solver(params: ControllerParams, **settings) -> ControllerParams:
+    """Return the parameters with other settings of the solver."""
+    return replace(params, solver=replace(params.solver, **settings))
 
 
 def load_scenario(name: str, speed: float | None) -> Scenario:

@@ -1,4 +1,4 @@
-"""Do lockstep runs give equal bags beside programs that keep every processor busy?
+"""Do lockstep runs give equal bags on a busy machine? What docs/bags.md says of it.
 
     .venv/bin/python bench/equal_bags.py [--runs 100] [--busy 3] [--scenario straight]
                                          [--controller mpcc] [--set NODE.param=value]

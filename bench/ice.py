@@ -1,4 +1,4 @@
-"""Accelerating from dry road onto ice with a lane change: does the solver always have a plan?
+"""From dry road onto ice with a lane change: the drawn roads of docs/road_controller.md.
 
     .venv/bin/python bench/ice.py [--drives N] [--seed S] [--friction LEAST MOST]
         [--controller C] [--jobs N] [--set controller.limits.drive_n=6000]
@@ -8,7 +8,7 @@ its lane. The car drives 15 m/s and is to drive 32 m/s, on ice of friction 0.25.
 N roads instead: friction 0.15 to 0.6, speeds, where the ice and the lane change begin, and how long
 the lane change is, which needs at most half of the friction.
 
-A tick fails when the first solver has no plan that may be driven, whatever drives the car then.
+A tick fails when the solver has no plan that may be driven, whatever drives the car then.
 Prints a row per drive with a failure or more than 5 deg of sideslip, and the sums. The exit code is
 1 when a solver failed, which is how problems without a solution end, or a car slid. Where the road
 has much less than 0.3, the lowest friction that `mpcc_road` believes, cars slide: `--friction 0.3
@@ -28,8 +28,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
-from rich.console import Console
-from tables import TextTable, show
+from tables import markdown
 
 from experiments import simulation
 from experiments.configuration import set_option
@@ -42,7 +41,7 @@ LATERAL_USE = 0.5  # of the friction, by the path
 PEAK = 5.77  # of the lateral acceleration of a lane change, times offset over time^2
 SIDESLIP_DEG = 5.0  # more is listed
 FAILED = 'solver_failed'  # the reason of a problem without a solution
-GOOD = ('solved', 'stopped_early')  # levels of fallback with a plan of the first solver
+GOOD = ('solved', 'stopped_early')  # levels of fallback with a plan of this tick
 
 
 class Road(NamedTuple):
@@ -124,7 +123,7 @@ def drive(road: Road, controller: str, settings: Mapping[str, Any]) -> Result:
     return Result(dict(failures), float(np.max(sideslip)), float(odometry.vx_mps[-1]))
 
 
-def table(results: Sequence[tuple[Road, Result]]) -> TextTable:
+def table(results: Sequence[tuple[Road, Result]]) -> str:
     """Return a row per drive that failed or slid."""
     rows = [
         (
@@ -137,7 +136,7 @@ def table(results: Sequence[tuple[Road, Result]]) -> TextTable:
         if result.failures or is_slide(result)
     ]
     columns = ('friction, speed', 'sideslip [deg]', 'end [m/s]', 'ticks without a plan')
-    return TextTable('Drives with a failure or a slide', columns, rows)
+    return markdown('Drives with a failure or a slide', columns, rows)
 
 
 def is_failed(result: Result) -> bool:
@@ -172,9 +171,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         results = [*zip(roads, pool.map(one, roads))]
     failed = sum(is_failed(result) for _, result in results)
     slid = sum(is_slide(result) for _, result in results)
-    console = Console()
-    show(console, table(results))
-    console.print(
+    print(table(results))
+    print(
         f'{len(roads)} drives: {failed} with a solver that failed, '
         f'{sum(bool(result.failures) for _, result in results)} with a tick without a plan, '
         f'{slid} with more than {SIDESLIP_DEG:g} deg of sideslip'

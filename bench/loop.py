@@ -1,17 +1,15 @@
-"""How fast are a drive in process, its ticks and the node graph, and where does the time go?
+"""How fast are a drive in process, its ticks and the node graph? Figures of docs/performance.md.
 
-    .venv/bin/python bench/loop.py [--repeats N] [--scaling] [--ring] [--json bench/loop.json]
+    .venv/bin/python bench/loop.py [--repeats N] [--scaling] [--ring] [--out bench/loop.md]
 
 Nothing else should run. Without options it times drives of `SCENARIO` in process; --scaling adds
-how a tick grows with obstacles, horizon, circles and the length of the path (compiles problems for
-minutes at the first run), --ring a recorded drive of the node graph in lockstep. Writes the JSON
-and a page beside it (.md).
+how a tick grows with the length of the path, --ring a recorded drive of the node graph in lockstep.
+Writes a page.
 """
 
 import argparse
 import gc
 import itertools
-import json
 import os
 import subprocess
 import sys
@@ -24,9 +22,7 @@ from typing import NamedTuple
 import closed_loops
 import machine
 import numpy as np
-import scaling
-from rich.console import Console
-from tables import TextTable, markdown, number, show
+from tables import markdown, number
 
 from bags.evaluation import tick_timing
 from bags.storage import read
@@ -71,9 +67,9 @@ class TickTimes(NamedTuple):
 def tick_times(records: list[tuple[TickRecord, float]]) -> TickTimes:
     """Return the times of ticks that solved once, from their records and explaining times [s]."""
     rows = [
-        (r.computing_s, r.attempt.prepare_s, r.attempt.first.solve_s, explain_s)
+        (r.computing_s, r.attempt.prepare_s, r.attempt.solution.solve_s, explain_s)
         for r, explain_s in records
-        if r.attempt is not None and r.attempt.second is None
+        if r.attempt is not None
     ]
     total, prepare, solve, explain = MS * np.array(rows[WARM_TICKS:]).T
     return TickTimes(total, prepare, solve, total - prepare - solve, explain)
@@ -164,18 +160,6 @@ def measure_parallel() -> dict:
     }
 
 
-def measure_sizes() -> list[dict]:
-    """Return the tick times over horizon, obstacles and circles."""
-    params = closed_loops.controller_params('mpcc')
-    scn = closed_loops.load_scenario(scaling.ROAD.scenario, None)
-    rows = []
-    for size in [*scaling.sizes(params), scaling.Size(params.model.horizon, 20, 1)]:
-        sized = scaling.sized(params, size)
-        controller = closed_loops.make_controller(sized, scn.friction)
-        rows.append({**size._asdict(), **row(watched_drive(scn, controller, MEASURED_TICKS))})
-    return rows
-
-
 def measure_lengths() -> list[dict]:
     """Return the tick times in the middle of straight paths of several lengths."""
     rows = []
@@ -227,8 +211,9 @@ def measure_ring() -> dict:
     }
 
 
-def tables(results: dict) -> list[TextTable]:
+def tables(results: dict) -> list[str]:
     """Return the figures as tables."""
+    kinds, quantile_names = ('explained', 'brief', 'evaluated'), ('median', 'p99', 'max')
     drives = [
         (
             name,
@@ -237,49 +222,43 @@ def tables(results: dict) -> list[TextTable]:
         )
         for name, one in results['drives'].items()
     ]
-    kinds = ('explained', 'brief', 'evaluated')
+    ticks = [
+        (f'{name}: {part}', *(number(values[q]) for q in quantile_names))
+        for name, one in results['drives'].items()
+        for part, values in {
+            'total': one['tick_ms'],
+            **one['tick_ms']['by_part'],
+            'explain, after it': one['explain_ms'],
+        }.items()
+    ]
+    rates = results['parallel']['drives_per_s']
+    beside = [(n, number(rate), number(rate / rates['1'])) for n, rate in rates.items()]
     listed = [
-        TextTable(
+        markdown(
             f'A drive of {SCENARIO} in process, per core',
             ('controller', *(f'{k}, cpu ms' for k in kinds), *(f'{k}, x real time' for k in kinds)),
             drives,
         ),
-        TextTable(
-            'State to command in process',
-            ('part', *(f'{q} ms' for q in ('median', 'p99', 'max'))),
-            [
-                (f'{name}: {part}', *(number(values[q]) for q in ('median', 'p99', 'max')))
-                for name, one in results['drives'].items()
-                for part, values in {
-                    'total': one['tick_ms'],
-                    **one['tick_ms']['by_part'],
-                    'explain, after it': one['explain_ms'],
-                }.items()
-            ],
+        markdown(
+            'State to command in process', ('part', *(f'{q} ms' for q in quantile_names)), ticks
         ),
-        TextTable(
-            'Processes beside each other',
-            ('processes', 'drives per second', 'speed-up'),
-            [
-                (n, number(rate), number(rate / results['parallel']['drives_per_s']['1']))
-                for n, rate in results['parallel']['drives_per_s'].items()
-            ],
+        markdown(
+            'Processes beside each other', ('processes', 'drives per second', 'speed-up'), beside
         ),
     ]
-    for name, title in (('sizes', 'size of the problem'), ('lengths', 'length of the path')):
-        if name in results:
-            fields = tuple(results[name][0])
-            rows = [
-                tuple(number(v) if f.endswith('_ms') else f'{v:g}' for f, v in one.items())
-                for one in results[name]
-            ]
-            listed.append(TextTable(f'A tick by the {title}, medians', fields, rows))
+    if 'lengths' in results:
+        fields = tuple(results['lengths'][0])
+        rows = [
+            tuple(number(v) if f.endswith('_ms') else f'{v:g}' for f, v in one.items())
+            for one in results['lengths']
+        ]
+        listed.append(markdown('A tick by the length of the path, medians', fields, rows))
     if 'ring' in results:
         ring = results['ring']
         rows = [('mean wall time per tick, ms', number(ring['tick_wall_ms']['mean']))]
         rows += [('x real time', number(ring['real_time_factor']))]
         rows += [('`experiments run`, s', number(ring['command_wall_s']))]
-        listed.append(TextTable('The node graph in lockstep, recorded', ('', 'mpcc'), rows))
+        listed.append(markdown('The node graph in lockstep, recorded', ('', 'mpcc'), rows))
     return listed
 
 
@@ -287,9 +266,9 @@ def main() -> None:
     """Measure, print the tables, write the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--repeats', type=int, default=10, help='drives per controller and kind')
-    parser.add_argument('--scaling', action='store_true', help='ticks by size and length')
+    parser.add_argument('--scaling', action='store_true', help='ticks by length of the path')
     parser.add_argument('--ring', action='store_true', help='the node graph, too')
-    parser.add_argument('--json', type=Path, default=Path(__file__).with_suffix('.json'))
+    parser.add_argument('--out', type=Path, default=Path(__file__).with_suffix('.md'))
     options = parser.parse_args()
     results = {
         'machine': machine.named(),
@@ -297,17 +276,14 @@ def main() -> None:
         'parallel': measure_parallel(),
     }
     if options.scaling:
-        results |= {'sizes': measure_sizes(), 'lengths': measure_lengths()}
+        results |= {'lengths': measure_lengths()}
     if options.ring:
         results['ring'] = measure_ring()
     listed = tables(results)
-    console = Console()
-    for table in listed:
-        show(console, table)
-    options.json.write_text(json.dumps(results, indent=2) + '\n')
+    print('\n'.join(listed))
     about = ', '.join(f'{key} {value}' for key, value in results['machine'].items())
     head = f'# The loop around the maths\n\n`python bench/loop.py`: {about}.\n\n{KINDS}\n\n'
-    options.json.with_suffix('.md').write_text(head + '\n'.join(markdown(t) for t in listed))
+    options.out.write_text(head + '\n'.join(listed))
 
 
 if __name__ == '__main__':

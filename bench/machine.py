@@ -6,12 +6,12 @@ import subprocess
 from pathlib import Path
 from typing import NamedTuple
 
+import psutil
+
 from node_runtime import provenance
 from stage_solver import compile_cache
 
 GOVERNOR = Path('/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor')
-TIMES = Path('/proc/stat')
-IDLE, WAITING, STOLEN, GUESTS = 3, 4, 7, 8  # columns of TIMES
 UNKNOWN = 'not readable'
 
 
@@ -26,14 +26,12 @@ class CpuTimes(NamedTuple):
         return CpuTimes(*(now - then for now, then in zip(self, before)))
 
 
-def cpu_times() -> CpuTimes | None:
-    """Return the times since the start, None where they are not readable."""
-    fields = _text(TIMES).partition('\n')[0].split()[1:]
-    if len(fields) < GUESTS:
-        return None
-    seconds = [int(field) / os.sysconf('SC_CLK_TCK') for field in fields[:GUESTS]]
-    idle_s = seconds[IDLE] + seconds[WAITING]
-    return CpuTimes(sum(seconds) - idle_s - seconds[STOLEN], seconds[STOLEN])
+def cpu_times() -> CpuTimes:
+    """Return the times since the start."""
+    now = psutil.cpu_times()
+    return CpuTimes(
+        now.user + now.nice + now.system + now.irq + now.softirq, getattr(now, 'steal', 0.0)
+    )
 
 
 def pin() -> str:
@@ -48,31 +46,23 @@ def pin() -> str:
 
 def named() -> dict[str, str | int]:
     """Return what decides how fast this machine is."""
-    versions = provenance.versions()
+    versions, flags = provenance.versions(), _text(Path('/proc/cpuinfo'))
+    widest = next((name for name in ('avx512f', 'avx2', 'sse2') if name in flags), UNKNOWN)
+    command = compile_cache.find_compiler()
+    compiler = ['none']
+    if command is not None:
+        shown = [*command.split(), '--version']
+        result = subprocess.run(shown, capture_output=True, text=True, check=False, timeout=60)
+        compiler = result.stdout.splitlines() or [UNKNOWN]
     return {
-        'cpu': _cpu(),
+        'cpu': f'{provenance.machine()["processor"]} ({widest})',
         'cores': os.cpu_count() or 0,
         'governor': _text(GOVERNOR).strip() or UNKNOWN,
         'load': f'{os.getloadavg()[0]:.1f}',
         'system': f'{platform.system()} {provenance.machine()["kernel"]}',
-        'compiler': _compiler(),
+        'compiler': compiler[0],
         **{name: versions[name] for name in ('python', 'casadi', 'numpy')},
     }
-
-
-def _cpu():
-    flags = _text(Path('/proc/cpuinfo'))
-    widest = next((name for name in ('avx512f', 'avx2', 'sse2') if name in flags), UNKNOWN)
-    return f'{provenance.machine()["processor"]} ({widest})'
-
-
-def _compiler():
-    command = compile_cache.find_compiler()
-    if command is None:
-        return 'none'
-    shown = [*command.split(), '--version']
-    result = subprocess.run(shown, capture_output=True, text=True, check=False, timeout=60)
-    return (result.stdout.splitlines() or [UNKNOWN])[0]
 
 
 def _text(path):

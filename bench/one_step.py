@@ -1,30 +1,29 @@
-"""One iteration per tick against converged plans: how much worse is the driving, how fast?
+"""One iteration per tick against converged plans: the closed loops of docs/solver.md.
 
-The cost of a drive is the sum of the stage costs of what was driven: state, input and numbers of
-stage 0 at every tick.
+`solver_comparison` prints it. The cost of a drive is the sum of the stage costs of what was driven:
+state, input and numbers of stage 0 at every tick.
 """
 
 import time
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import closed_loops
 import numpy as np
-import solver_variants
 from closed_loops import FULL, Loop
-from rich.progress import Progress
-from tables import TextTable, number
+from tables import markdown, number
 
 from mpcc_controller.parameters import ControllerParams
-from stage_solver.solution import Solution, StageSolver
-from stage_solver.stage_problem import Bounds, Plan
+from stage_solver.solver import StageSolver
 
-ENDLESS = {'one_step_residual': 1.0, 'one_step_decrease': 1e3}  # whatever comes of the first step
-# scheme -> (mode, other settings); the first one is what the others are compared with
+# whatever comes of the first step
+ENDLESS = {'one_step_residual': 1.0, 'one_step_decrease': 1e3}
+# the first one is what the others are compared with
 SCHEMES = {
-    'converged': ('converged', {}),
-    'one_step': ('one_step', {}),
-    'one_step_prepared': ('one_step', {'prepare': True}),
-    'single_step': ('one_step', ENDLESS),
+    'converged': {'mode': 'converged'},
+    'one_step': {'mode': 'one_step'},
+    'one_step_prepared': {'mode': 'one_step', 'prepare': True},
+    'single_step': {'mode': 'one_step', **ENDLESS},
 }
 
 
@@ -48,72 +47,49 @@ class Timed:
         self.inner = inner
         self.iterations, self.seconds = [], []
 
-    def solve(self, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan) -> Solution:
-        """See `solution.StageSolver`."""
+    def solve(self, *arguments):
+        """See `StageSolver.solve`."""
         began = time.perf_counter()
-        found = self.inner.solve(x0, P, bounds, guess)
+        found = self.inner.solve(*arguments)
         self.seconds.append(time.perf_counter() - began)
         self.iterations.append(found.iterations)
         return found
 
 
-def measure(params: ControllerParams, progress: Progress) -> tuple[TextTable, list[dict]]:
-    """Return a table and its figures, one per loop."""
-    title = 'Closed loops: one step per tick against converged (ms from state to plan)'
+def table(params: ControllerParams, track: Callable[..., Iterable]) -> str:
+    """Return the drives of every loop in every scheme."""
+    rows = []
+    for loop in track(FULL, description='driving with one step per tick'):
+        base = closed_loops.controller_params(loop.controller)
+        drives = {name: driven(loop, base, settings) for name, settings in SCHEMES.items()}
+        for name, drive in drives.items():
+            difference = drive.cost / drives['converged'].cost - 1
+            cells = (number(drive.cost), f'{100 * difference:+.2f} %')
+            cells += (number(drive.median_ms), number(drive.max_ms))
+            cells += (f'{100 * drive.more_share:.1f} %', number(drive.more_ms))
+            rows.append(
+                (loop.name, name, *cells, number(drive.prepare_ms), drive.ticks, drive.unplanned)
+            )
     columns = ('loop', 'scheme', 'cost', 'difference', 'median', 'max', 'iterations > 1')
     columns += ('their mean', 'after the command', 'ticks', 'without a plan')
-    figures = []
-    for loop in progress.track(FULL, description='driving with one step per tick'):
-        base = closed_loops.controller_params(loop.controller)
-        drives = {name: driven(loop, base, *scheme) for name, scheme in SCHEMES.items()}
-        converged = drives['converged'].cost
-        figures.append(
-            {
-                'loop': loop.name,
-                **{name: one._asdict() for name, one in drives.items()},
-                'difference': drives['one_step'].cost / converged - 1,
-                'differences': {name: one.cost / converged - 1 for name, one in drives.items()},
-            }
-        )
-    return TextTable(title, columns, [row for one in figures for row in rows(one)]), figures
+    title = 'Closed loops: one step per tick against converged (ms from state to plan)'
+    return markdown(title, columns, rows)
 
 
-def rows(one: dict) -> list[tuple[str, ...]]:
-    """Return the lines of a loop."""
-    return [
-        (
-            one['loop'],
-            name,
-            number(one[name]['cost']),
-            f'{100 * one["differences"][name]:+.2f} %',
-            number(one[name]['median_ms']),
-            number(one[name]['max_ms']),
-            f'{100 * one[name]["more_share"]:.1f} %',
-            number(one[name]['more_ms']),
-            number(one[name]['prepare_ms']),
-            str(one[name]['ticks']),
-            str(one[name]['unplanned']),
-        )
-        for name in SCHEMES
-    ]
-
-
-def driven(loop: Loop, params: ControllerParams, mode: str, settings: dict) -> Drive:
-    """Drive a whole loop in a mode of our solver, with other settings of it."""
+def driven(loop: Loop, params: ControllerParams, settings: dict) -> Drive:
+    """Drive a whole loop with our solver and settings of it."""
     scn = closed_loops.load_scenario(loop.scenario, loop.speed)
-    controller = closed_loops.make_controller(
-        solver_variants.with_mode(params, mode, **settings), scn.friction
-    )
-    planner = controller.planner
-    timed, costs, prepared_s = Timed(planner.solvers.first), [], []
+    params = closed_loops.with_solver(params, **settings)
+    controller = closed_loops.make_controller(params, scn.friction)
+    parts = controller.parts
+    timed, costs, prepared_s = Timed(parts.solvers.first), [], []
     iterations, seconds = [], []
-    planner.solvers.first = timed
+    parts.solvers.first = timed
     for _ in closed_loops.drive(scn, controller):
-        plan, posed = planner.fallback.plan, planner.last_problem
-        known = plan is not None
-        P = posed.parameters.P[0] if known else None
-        stage_cost = planner.prediction.problem.stage_cost
-        cost = float(stage_cost(plan.X[0], plan.U[0], P)) if known else np.nan
+        plan, solved = controller.memory.plans.plan, controller.memory.solved
+        stage_cost, cost = parts.model.problem.stage_cost, np.nan
+        if plan is not None:
+            cost = float(stage_cost(plan.X[0], plan.U[0], solved.problem.parameters.P[0]))
         costs.append(cost)
         iterations += timed.iterations
         seconds += timed.seconds

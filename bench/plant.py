@@ -1,16 +1,13 @@
-"""Time per 1 ms step of the plant, in microseconds.
+"""Time per 1 ms step of the plant, in microseconds: docs/plant.md, docs/measured.md.
 
-    .venv/bin/python bench/plant.py [--json bench/plant.json]
+    .venv/bin/python bench/plant.py
 
 `step_us` is the compiled integrator in bursts of 50 steps, as the node calls it in lockstep; the
 target is 15.
 """
 
-import argparse
-import json
 import statistics
 import time
-from pathlib import Path
 
 import numpy as np
 
@@ -19,7 +16,6 @@ from vehicle_plant.initial_state import Start, rolling_state
 from vehicle_plant.simulator import TICK_STEPS, Simulator
 
 BURSTS = 400
-INTERPRETED_STEPS = 50
 
 
 def per_step_us(call, steps: int, repeats: int) -> list[float]:
@@ -48,7 +44,6 @@ def measure() -> dict[str, float]:
     patchy = per_step_us(lambda: integrator.advance(x, swerve, p, patches=some), TICK_STEPS, BURSTS)
     burst = per_step_us(lambda: car.advance(None, TICK_STEPS), TICK_STEPS, BURSTS)
     single = per_step_us(lambda: car.advance(None, 1), 1, BURSTS)
-    slow = per_step_us(lambda: integrator.advance_interpreted(x, swerve, p), INTERPRETED_STEPS, 2)
     return {
         'step_us': statistics.median(bare),
         'step_p99_us': float(np.percentile(bare, 99)),
@@ -56,21 +51,9 @@ def measure() -> dict[str, float]:
         'simulator_burst_us': statistics.median(burst),
         'simulator_burst_p99_us': float(np.percentile(burst, 99)),
         'simulator_single_step_us': statistics.median(single),
-        'interpreted_us': statistics.median(slow),
     }
 
 
-def main() -> None:
-    """Print the table and write it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    default = Path(__file__).with_suffix('.json')
-    parser.add_argument('--json', type=Path, default=default, help='file to write')
-    options = parser.parse_args()
-    results = measure()
-    for name, value in results.items():
-        print(f'{name:<28}{value:10.2f}')
-    options.json.write_text(json.dumps(results, indent=2) + '\n')
-
-
 if __name__ == '__main__':
-    main()
+    for name, value in measure().items():
+        print(f'{name:<28}{value:10.2f}')

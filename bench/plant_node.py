@@ -1,6 +1,6 @@
-"""The plant's node against the wall clock: CPU, how punctual its 1 kHz timer is, what it misses.
+"""The plant's node on the wall clock, CPU and punctuality: docs/plant.md, docs/measured.md.
 
-    .venv/bin/python bench/plant_node.py [--seconds 20] [--domain 24] [--json bench/plant_node.json]
+    .venv/bin/python bench/plant_node.py [--seconds 20] [--domain 24]
 
 A second process drives the node: it sends a command every 50 ms and takes the odometry. The node's
 process notes when each step begins; `deviation` is by how much the time between two differs from
@@ -132,22 +132,20 @@ def figures(found: dict) -> dict[str, float]:
 
 
 def main() -> int:
-    """Print the table and write it."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--seconds', type=float, default=20.0, help='of driving')
     parser.add_argument('--domain', type=int, default=24, help='ROS domain')
-    default = Path(__file__).with_suffix('.json')
-    parser.add_argument('--json', type=Path, default=default, help='file to write')
     parser.add_argument('--inside', type=Path, help=argparse.SUPPRESS)
-    options, _ = parser.parse_known_args()
+    options, rest = parser.parse_known_args()
     if options.inside:
+        sys.argv[1:] = rest  # what the node reads
         return inside(options.inside)
     results = figures(drive(options.seconds, options.domain))
     print(f'{"":<26}{"found":>12}{"target":>10}')
     for name, value in results.items():
         target = f'{TARGETS[name]:10.1f}' if name in TARGETS else ''
         print(f'{name:<26}{value:12.3f}{target}')
-    options.json.write_text(json.dumps(results, indent=2) + '\n')
     return 0
 
 

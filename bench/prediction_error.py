@@ -1,4 +1,4 @@
-"""How far is the car from where the prediction model says it will be?
+"""How far is the car from where the model says it will be? Its table in docs/road_controller.md.
 
     python bench/prediction_error.py [--out FILE.md]
 
@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from rich.console import Console
-from tables import TextTable, markdown, show
+from tables import markdown
 
 from experiments import simulation
 from experiments.simulation import Setup
@@ -85,7 +84,7 @@ def errors(given: Windows, setup: Setup, params: ControllerParams) -> Errors:
     """Return the errors of the prediction model with the parameters `params`."""
     car = stage_parameters.car(params, setup.vehicle)
     x, count = given.states[:, 0].T, len(given.states)
-    step = single_track.step(params.model.step_s, type(car)).map(count)
+    step = single_track.step(params.model.step_s, single_track.structure(car)).map(count)
     cars = ca.repmat(ca.DM(list(car)), 1, count)
     rows = []
     for k in range(given.inputs.shape[1]):
@@ -101,7 +100,7 @@ def with_model(params: ControllerParams, **changes) -> ControllerParams:
     return replace(params, model=replace(params.model, **changes))
 
 
-def table() -> TextTable:
+def table() -> str:
     """Drive, predict, and return the table."""
     setups = [simulation.prepare(SCENARIO, CONTROLLER, speed_mps=v) for v in SPEEDS_MPS]
     dt = setups[0].params.model.step_s
@@ -125,7 +124,7 @@ def table() -> TextTable:
             )
     title = f'prediction error, root mean square of {len(joined.states)} windows at the limit'
     columns = ('model', 'position [m]', 'heading [deg]', 'vx [m/s]', 'vy [m/s]', 'yaw rate [deg/s]')
-    return TextTable(title, columns, rows)
+    return markdown(title, columns, rows)
 
 
 def main() -> None:
@@ -134,9 +133,9 @@ def main() -> None:
     parser.add_argument('--out', type=Path, help='Markdown file to write')
     options = parser.parse_args()
     found = table()
-    show(Console(), found)
+    print(found)
     if options.out:
-        options.out.write_text(markdown(found) + '\n')
+        options.out.write_text(found + '\n')
 
 
 if __name__ == '__main__':

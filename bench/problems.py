@@ -1,62 +1,62 @@
-"""The problems of closed loops: recorded once, kept in a file, the same for every solver."""
+"""The problems of closed loops and how each solver starts on them."""
 
-from collections.abc import Callable, Iterable
-from pathlib import Path
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 import closed_loops
 import numpy as np
 from closed_loops import Loop
 
-from mpcc_controller.driving import initial_guess
+from mpcc_controller.driving import guesses, tick_solvers
 from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.fallback import Plans
 from mpcc_controller.model.single_track import State
-from mpcc_controller.parameters import ControllerParams
+from mpcc_controller.parameters import ControllerParams, Fallback
 from mpcc_controller.path import reference_path
 from msgs_yaml.types import Obstacle
-from stage_solver.stage_problem import Bounds, Plan, ProblemError, StageProblem
+from stage_solver.reference_solvers import ReferenceSolver
+from stage_solver.solver import StageSolver
+from stage_solver.stage_problem import Bounds, Plan, StageProblem
 
+RECORDING_SOLVER = 'fatrop'  # its plans are driven
 POP_UP_EVERY = 6  # ticks
 POP_UP_AHEAD_M = (15.0, 40.0)
 POP_UP_BESIDE_M = (-1.5, 1.5)
 POP_UP_RADIUS_M = (0.4, 1.2)
 POP_UP_SEED = 1
+FIRST, WARM, COLD, POP_UP = 'first', 'warm', 'cold', 'pop-up'
 
 
-class Problems(NamedTuple):
-    """n problems in the order of the loops and their ticks; SI units.
+class Posed(NamedTuple):
+    """The problem of a tick, SI units.
 
-    The numbers P of a stage depend on the guess around which they are made. `P` belongs to the plan
-    moved on, `cold_P` to the drive along the path that starts a controller, `pop_up_P` to the plan
-    moved on with one obstacle more than a tick before, in m of the n problems.
+    The numbers P of the stages depend on the guess around which they are made: `P` belongs to the
+    plan moved on, `cold_P` to the drive along the path that starts a controller, `pop_up_P`, at
+    some ticks, to the plan moved on with one obstacle more than a tick before.
     """
 
-    names: np.ndarray  # of the loops
-    parameters: np.ndarray  # names of the columns of P
-    loop: np.ndarray  # (n,) index into `names`
-    tick: np.ndarray  # (n,)
-    x0: np.ndarray  # (n, nx)
-    P: np.ndarray  # (n, N + 1, np)
+    loop: str
+    tick: int
+    x0: np.ndarray  # (nx,)
+    P: np.ndarray  # (N + 1, np)
+    bounds: Bounds
     cold_P: np.ndarray
-    cold_X: np.ndarray  # (n, N + 1, nx)
-    cold_U: np.ndarray  # (n, N, nu)
-    driven_X: np.ndarray  # the plan that was driven
-    driven_U: np.ndarray
-    pop_up: np.ndarray  # (m,) which of the n problems
-    pop_up_P: np.ndarray  # (m, N + 1, np)
-    bounds: Bounds  # every field (n, ...)
+    cold: Plan
+    pop_up_P: np.ndarray | None
 
-    def continues(self, k: int) -> bool:
-        """Tell whether problem k is one tick later than the problem before it."""
-        return k > 0 and self.loop[k] == self.loop[k - 1] and self.tick[k] == self.tick[k - 1] + 1
 
-    def bounds_of(self, k: int) -> Bounds:
-        """Return the bounds of problem k."""
-        return Bounds(*(field[k] for field in self.bounds))
+class Task(NamedTuple):
+    """One solve: what kind of start it has, then the arguments of StageSolver.solve.
 
-    def cold_start(self, k: int) -> Plan:
-        """Return the guess of problem k that needs no earlier plan."""
-        return Plan(self.cold_X[k], self.cold_U[k])
+    FIRST is the first of a loop, which has no plan to start from; WARM has one; COLD could have one
+    but must do without; POP_UP has one, but an obstacle has appeared.
+    """
+
+    kind: str
+    x0: np.ndarray
+    P: np.ndarray
+    bounds: Bounds
+    start: Plan
 
 
 class Recorder:
@@ -66,77 +66,48 @@ class Recorder:
         self.inner = inner
         self.last = None
 
-    def solve(self, x0, P, bounds, start):
+    def solve(self, *arguments):
         """Solve, and keep the arguments."""
-        self.last = x0, P, bounds, start
-        return self.inner.solve(x0, P, bounds, start)
+        self.last = arguments
+        return self.inner.solve(*arguments)
 
 
 def record(
-    chosen: Iterable[Loop],
+    loops: Iterable[Loop],
     params_of: Callable[[str], ControllerParams] = closed_loops.controller_params,
-) -> Problems:
+) -> list[Posed]:
     """Drive the loops and return their problems; equal loops give equal problems.
 
     `params_of` returns the parameters of a loop's controller by its name.
     """
-    rows, pop_ups, names, parameters = [], [], [], ()
     random = np.random.default_rng(POP_UP_SEED)
-    for index, loop in enumerate(chosen):
-        names.append(loop.name)
-        params = closed_loops.with_solver(params_of(loop.controller), closed_loops.RECORDING_SOLVER)
-        scn = closed_loops.load_scenario(loop.scenario, loop.speed)
-        controller = closed_loops.make_controller(params, scn.friction)
-        for number, row, pop_up_P in recorded(controller, scn, loop.ticks, random):
-            if pop_up_P is not None:
-                pop_ups.append((len(rows), pop_up_P))
-            rows.append({'loop': index, 'tick': number} | row)
-        parameters = controller.planner.prediction.problem.parameters
-    if not pop_ups:
-        raise ValueError('these loops have no tick for a pop-up obstacle')
-    columns = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
-    bounds = Bounds(*(columns.pop(name) for name in Bounds._fields))
-    which, P = zip(*pop_ups)
-    return Problems(
-        names=np.array(names),
-        parameters=np.array(parameters),
-        **columns,
-        pop_up=np.array(which),
-        pop_up_P=np.stack(P),
-        bounds=bounds,
-    )
+    return [posed for loop in loops for posed in _recorded(loop, params_of, random)]
 
 
-def recorded(controller: Controller, scn, ticks: range, random):
-    """Drive and yield (tick, the problem's arrays by name, P with a pop-up obstacle or None)."""
-    planner = controller.planner
-    recorder = planner.solvers.first = Recorder(planner.solvers.first)
+def _recorded(loop, params_of, random) -> Iterator[Posed]:
+    params = params_of(loop.controller)
+    scn = closed_loops.load_scenario(loop.scenario, loop.speed)
+    controller = closed_loops.make_controller(params, scn.friction)
+    parts, model = controller.parts, controller.params.model
+    options = tick_solvers.solver_options(params, limit_time=False)
+    solver = ReferenceSolver(parts.model.problem, RECORDING_SOLVER, options)
+    recorder = parts.solvers.first = Recorder(solver)
     for number, _ in enumerate(closed_loops.drive(scn, controller)):
-        if number >= ticks.stop:
-            break
+        if number >= loop.ticks.stop:
+            return
         (x0, P, bounds, start), recorder.last = recorder.last or (None,) * 4, None
-        plan = planner.fallback.plan
-        if x0 is None or plan is None or number not in ticks:
+        if x0 is None or controller.memory.plans.plan is None or number not in loop.ticks:
             continue
-        state, path = State(*x0), controller.scene.path
-        model = controller.params.model
-        cold = initial_guess.guess_from_path(
-            path, state, controller.car, model.horizon, model.step_s
+        cold = guesses.from_path(
+            controller.scene.path, State(*x0), controller.car, model.horizon, model.step_s
         )
-        row = {
-            'x0': x0,
-            'P': P,
-            'cold_P': planner.prediction.formulation.stage_parameters(controller.scene, cold.X).P,
-            'cold_X': cold.X,
-            'cold_U': cold.U,
-            'driven_X': plan.X,
-            'driven_U': plan.U,
-        } | bounds._asdict()
         has_pop_up = number % POP_UP_EVERY == 0 and controller.params.priorities.obstacle > 0
-        yield number, row, popped_up(controller, state, start, random) if has_pop_up else None
+        pop_up_P = _popped_up(controller, State(*x0), start, random) if has_pop_up else None
+        cold_P = parts.model.formulation.stage_parameters(controller.scene, cold.X).P
+        yield Posed(loop.name, number, x0, P, bounds, cold_P, cold, pop_up_P)
 
 
-def popped_up(controller: Controller, x0: State, start: Plan, random) -> np.ndarray:
+def _popped_up(controller: Controller, x0: State, start: Plan, random) -> np.ndarray:
     """Return the stages' numbers with one more obstacle beside the path ahead."""
     scene = controller.scene
     at, _ = reference_path.arcs_at(scene.path, [x0.theta + random.uniform(*POP_UP_AHEAD_M)])
@@ -152,23 +123,37 @@ def popped_up(controller: Controller, x0: State, start: Plan, random) -> np.ndar
         vY=0.0,
     )
     scene = scene._replace(obstacles=known._replace(items=(*known.items, obstacle)))
-    return controller.planner.prediction.formulation.stage_parameters(scene, start.X).P
+    return controller.parts.model.formulation.stage_parameters(scene, start.X).P
 
 
-def save(problems: Problems, path: Path) -> None:
-    """Write the problems to a compressed file."""
-    columns = problems._asdict()
-    bounds = columns.pop('bounds')
-    np.savez_compressed(path, **columns, **bounds._asdict())
+def tasks(
+    problem: StageProblem, given: list[Posed], rules: Fallback, solver: StageSolver, cold_every: int
+) -> list[Task]:
+    """Return the tasks of one solver: its own plans, moved on as in the controller, start them.
 
-
-def load(path: Path, problem: StageProblem) -> Problems:
-    """Read the problems of a file. Raises ProblemError when they are those of another problem."""
-    with np.load(path, allow_pickle=False) as file:
-        columns = {name: file[name] for name in file.files}
-    bounds = Bounds(*(columns.pop(name) for name in Bounds._fields))
-    problems = Problems(**columns, bounds=bounds)
-    same = tuple(problems.parameters) == problem.parameters
-    if not same or problems.P.shape[1] != problem.horizon + 1:
-        raise ProblemError(f'{path} was recorded with another control problem; remove it')
-    return problems
+    Every `cold_every`-th problem is to be solved from a cold start as well.
+    """
+    warm, plans, before = [], Plans(), None
+    for posed in given:
+        follows = before and (before.loop, before.tick + 1) == (posed.loop, posed.tick)
+        if not follows:
+            plans = Plans()
+        P, start, moved_on = posed.cold_P, posed.cold, None
+        if plans.plan is not None:
+            state = State(*posed.x0)
+            moved_on = guesses.shift_to(plans.plan, problem.dynamics, before.P[-1], state)
+        if plans.is_warm(rules):
+            P, start = posed.P, moved_on
+            if plans.failures:  # as the controller does after a failure
+                start = moved_on._replace(multipliers=None)
+        task = Task(WARM if follows else FIRST, posed.x0, P, posed.bounds, start)
+        plans, _ = plans.decide(rules, solver.solve(*task[1:]), moved_on)
+        warm.append(task)
+        before = posed
+    cold = [Task(COLD, p.x0, p.cold_P, p.bounds, p.cold) for p in given[::cold_every]]
+    pop_up = [
+        task._replace(kind=POP_UP, P=posed.pop_up_P)
+        for task, posed in zip(warm, given)
+        if posed.pop_up_P is not None and task.kind == WARM
+    ]
+    return warm + cold + pop_up

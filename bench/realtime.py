@@ -1,12 +1,12 @@
-"""Is 20 Hz held on the wall clock, with all nodes and the recorder running on this machine?
+"""Is 20 Hz held on the wall clock by all nodes? Rows of docs/measured.md, docs/promises.md.
 
     .venv/bin/python bench/realtime.py [--ticks 10000] [--controller mpcc] [--set NODE.param=value]
-                                       [--bag DIR] [--json bench/realtime.json] [--fifo]
+                                       [--bag DIR] [--out bench/realtime.md] [--fifo]
 
 Drives along a winding road, left and right by turns, past obstacles: 10,000 ticks take 500 s.
 Nothing else should run: every other process shows in the percentiles. With --fifo it shows less:
-every node gets real-time priority, which the user must have the right to give. Writes the JSON and
-a table beside it (.md). Exit code 1 when a target is missed.
+every node gets real-time priority, which the user must have the right to give. Writes a page; exit
+code 1 when a target is missed.
 """
 
 import argparse
@@ -17,10 +17,10 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import NamedTuple
 
 import machine
 from rich.console import Console
+from tables import markdown
 
 from bags.commands import timing
 from bags.evaluation import tick_timing
@@ -63,31 +63,6 @@ obstacles:
 """
 
 
-class Target(NamedTuple):
-    """One measured value and its limit."""
-
-    name: str
-    measured: float | None  # None where the bag has no such value
-    most: float
-
-    @property
-    def status(self) -> str:
-        """Whether the target is met, as text."""
-        if self.measured is None:
-            return 'UNKNOWN'
-        return 'ok' if self.measured <= self.most else 'MISSED'
-
-    @property
-    def text(self) -> str:
-        """The measured value as text."""
-        return number(self.measured, 3)
-
-
-def number(value: float | None, decimals: int) -> str:
-    """Return a number as text, a dash for none."""
-    return '-' if value is None else f'{value:.{decimals}f}'
-
-
 def scenario(ticks: int) -> str:
     """Return a scenario that takes that many ticks, and a little more."""
     stop_m = ticks * TICK_S * SPEED_MPS
@@ -125,59 +100,61 @@ def drive(options: argparse.Namespace, folder: Path) -> Path:
     return folder / 'winding' / Path(options.controller).stem
 
 
-def targets(found: dict) -> list[Target]:
-    """Return the figures that are asked for."""
+def targets(found: dict) -> list[tuple[str, float | None, float]]:
+    """Return what is asked for: its name, what was measured (None: nothing), what is allowed."""
     ticks, period_ms = found['ticks'], TICK_S * 1e3
     interval_ms = found['interval_ms']['mean']
     off = None if interval_ms is None else 100 * abs(interval_ms - period_ms) / period_ms
     missed = 1e3 * ticks['missed'] / ticks['count'] if ticks['count'] else None
     parts = found['parts_ms']
     return [
-        Target('missed ticks per 1000', missed, 1.0),
-        Target('mean interval off 50 ms [%]', off, 1.0),
-        Target('state to command, p99 [ms]', parts['total'].get('p99'), 15.0),
-        Target('transport, p99 [ms]', parts['transport'].get('p99'), 3.0),
+        ('missed ticks per 1000', missed, 1.0),
+        ('mean interval off 50 ms [%]', off, 1.0),
+        ('state to command, p99 [ms]', parts['total'].get('p99'), 15.0),
+        ('transport, p99 [ms]', parts['transport'].get('p99'), 3.0),
     ]
 
 
-def page(found: dict, checked: list[Target], noted: dict) -> str:
+def page(found: dict, options: argparse.Namespace, spent: machine.CpuTimes | None) -> str:
     """Return the figures as Markdown."""
+
+    def text(value, decimals):
+        return '-' if value is None else f'{value:.{decimals}f}'
+
+    ticks = found['ticks']
+    about = ', '.join(f'{key} {value}' for key, value in machine.named().items())
+    head = (
+        f'`python bench/realtime.py{" --fifo" if options.fifo else ""}`, all nodes and the '
+        f'recorder on one machine\n({about});\nsettings: {", ".join(options.settings) or "none"}. '
+        f'{ticks["count"]} ticks, {ticks["missed"]} missed, {ticks["blind"]} commands without a '
+        'state.\n'
+    )
+    if spent:
+        head += (
+            f'The processors were busy for {spent.busy_s:.0f} s meanwhile, everything counted; '
+            f'{spent.stolen_s:.1f} s more were wanted and not given by the host of this machine.\n'
+        )
     names = list(tick_timing.QUANTILES)
     rows = {**found['parts_ms'], 'between two commands': found['interval_ms']}
     rows['state sent after its stamp'] = found['state_sent_after_its_stamp_ms']
-    ticks = found['ticks']
-    about = ', '.join(f'{key} {value}' for key, value in noted['machine'].items())
-    lines = [
-        '# 20 Hz on the wall clock',
-        '',
-        f'`python bench/realtime.py{noted["flag"]}`, all nodes and the recorder on one machine',
-        f'({about});',
-        f'settings: {", ".join(noted["settings"]) or "none"}. {ticks["count"]} ticks, '
-        f'{ticks["missed"]} missed, {ticks["blind"]} commands without a state.',
-        describe_cpu_times(noted['processors']),
-        '',
-        '| target | found | at most | |',
-        '|---|---|---|---|',
-        *(f'| {t.name} | {t.text} | {t.most:g} | {t.status} |' for t in checked),
-        '',
-        f'| ms | {" | ".join(names)} |',
-        f'|---|{"---|" * len(names)}',
+    checked = [
+        (name, text(value, 3), f'{most:g}', status(value, most))
+        for name, value, most in targets(found)
     ]
-    for row, values in rows.items():
-        lines.append(
-            f'| {row} | {" | ".join(number((values or {}).get(name), 2) for name in names)} |'
-        )
-    return '\n'.join(lines) + '\n'
-
-
-def describe_cpu_times(spent: dict | None) -> str:
-    """Return the busy and stolen processor times as a sentence."""
-    if spent is None:
-        return 'How busy the processors were is not known.'
-    return (
-        f'The processors were busy for {spent["busy_s"]:.0f} s meanwhile, everything counted; '
-        f'{spent["stolen_s"]:.1f} s more were wanted and not given by the host of this machine.'
+    spread = [
+        (row, *(text((values or {}).get(name), 2) for name in names))
+        for row, values in rows.items()
+    ]
+    tables = (
+        markdown('Targets', ('target', 'found', 'at most', ''), checked),
+        markdown('Times', ('ms', *names), spread),
     )
+    return '\n'.join(('# 20 Hz on the wall clock\n', head, *tables))
+
+
+def status(value: float | None, most: float) -> str:
+    """Return whether a target is met, as text."""
+    return 'UNKNOWN' if value is None else 'ok' if value <= most else 'MISSED'
 
 
 def main() -> int:
@@ -188,11 +165,8 @@ def main() -> int:
     parser.add_argument('--set', action='append', default=[], dest='settings', metavar='NODE.p=v')
     parser.add_argument('--bag', type=Path, help='look at this bag instead of driving')
     parser.add_argument('--fifo', action='store_true', help='real-time priority for every node')
-    parser.add_argument('--json', type=Path, help='file to write (realtime[_fifo].json)')
+    parser.add_argument('--out', type=Path, help='file to write (realtime[_fifo].md)')
     options = parser.parse_args()
-    file = options.json or Path(__file__).with_name(
-        'realtime_fifo.json' if options.fifo else 'realtime.json'
-    )
     if options.fifo and options.bag:
         parser.error('--fifo is about a drive, and --bag makes none')
     if options.fifo:
@@ -200,24 +174,16 @@ def main() -> int:
     before = machine.cpu_times()
     with tempfile.TemporaryDirectory() as folder:
         bag = options.bag or drive(options, Path(folder))
-        beside = None if options.bag or not before else machine.cpu_times().since(before)._asdict()
+        spent = None if options.bag else machine.cpu_times().since(before)
         found = tick_timing.timing_report(read.load(bag))
     timing.show(found, Console())
     if found['ticks']['count'] < MIN_SHARE * options.ticks and not options.bag:
         raise SystemExit(f'only {found["ticks"]["count"]} ticks: the car did not get there')
-    checked = targets(found)
-    for target in checked:
-        print(f'{target.name:<30}{target.text:>8}  at most {target.most:g}: {target.status}')
-    noted = {
-        'flag': ' --fifo' if options.fifo else '',
-        'settings': options.settings,
-        'machine': machine.named(),
-        'processors': beside,
-    }
-    print(describe_cpu_times(beside))
-    file.write_text(json.dumps({**found, **noted}, indent=2) + '\n')
-    file.with_suffix('.md').write_text(page(found, checked, noted))
-    return 0 if all(target.status == 'ok' for target in checked) else 1
+    text = page(found, options, spent)
+    print(text)
+    name = 'realtime_fifo.md' if options.fifo else 'realtime.md'
+    (options.out or Path(__file__).with_name(name)).write_text(text)
+    return 0 if all(status(value, most) == 'ok' for _, value, most in targets(found)) else 1
 
 
 if __name__ == '__main__':

@@ -1,4 +1,4 @@
-"""Cost of bags: reading, recording, losses, and how punctually the player sends.
+"""Cost of bags: reading, recording, losses, how punctual the player is. Table of docs/bags.md.
 
     .venv/bin/python bench/recordings.py [--seconds 60] [--messages 1000000] [--only PART]
 
@@ -19,10 +19,10 @@ import time
 from pathlib import Path
 
 import numpy as np
+import psutil
 import rclpy
 from graph_messages import NS_PER_MS, START_NS, GraphMessages
-from rich.console import Console
-from rich.table import Table
+from tables import markdown
 
 from bags.storage import read
 from bags.storage.bag_writer import BagWriter
@@ -94,8 +94,8 @@ class Recording:
 
     def cpu_s(self) -> float:
         """User and system time of the recorder so far."""
-        fields = Path(f'/proc/{self.process.pid}/stat').read_text().rpartition(')')[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+        times = psutil.Process(self.process.pid).cpu_times()
+        return times.user + times.system
 
     def end(self) -> tuple[float, read.Bag]:
         """Return the recorder's processor time and its bag."""
@@ -213,29 +213,29 @@ PARTS = {
 
 
 def main() -> int:
-    """Print a table per part and write everything as JSON."""
+    """Print a table per part."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--seconds', type=float, default=60.0, help='of recording and playing')
     parser.add_argument('--messages', type=int, default=1_000_000, help='in lockstep')
     parser.add_argument('--domain', type=int, default=24, help='ROS domain')
     parser.add_argument('--only', default='', help='parts whose name begins so')
-    parser.add_argument('--json', type=Path, help='file to write')
     options = parser.parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    found = {'load': os.getloadavg()[0]}
-    console = Console()
+    print(f'load {os.getloadavg()[0]:.1f}')
     for name, (measure, targets) in PARTS.items():
         if not name.startswith(options.only):
             continue
         with tempfile.TemporaryDirectory() as folder:
-            found[name] = measure(Path(folder), options)
-        table = Table('', 'found', 'target', title=name, box=None, title_justify='left')
-        for figure, value in found[name].items():
-            target = f'<= {targets[figure]:g}' if figure in targets else ''
-            table.add_row(figure, f'{value:,.3f}'.rstrip('0').rstrip('.'), target)
-        console.print(table)
-    if options.json:
-        options.json.write_text(json.dumps(found, indent=2) + '\n')
+            found = measure(Path(folder), options)
+        rows = [
+            (
+                figure,
+                f'{value:,.3f}'.rstrip('0').rstrip('.'),
+                f'<= {targets[figure]:g}' if figure in targets else '',
+            )
+            for figure, value in found.items()
+        ]
+        print(markdown(name, ('', 'found', 'target'), rows), flush=True)
     return 0
 
 

@@ -1,6 +1,6 @@
-"""From which slides does a controller save the car? A map over sideslip, yaw rate and speed.
+"""From which slides does a controller save the car? The maps of docs/road_controller.md.
 
-    .venv/bin/python bench/recovery_map.py [CONTROLLER ...] [--quick] [--jobs N] [--budget N]
+    .venv/bin/python bench/recovery_map.py [CONTROLLER ...] [--quick] [--jobs N]
         [--json bench/recovery_map.json]
 
 The car starts in the middle of a straight road of 8 m. It moves along the road; its heading is off
@@ -12,16 +12,14 @@ recovered   sideslip below 5 deg and yaw rate below 0.1 rad/s for half a second,
 on the road recovered, and the wheels' contact points stayed within the road until then
 
 A controller is a name or a YAML file; `fallback` is mpcc whose solvers always fail, so that its
-fallback alone drives, `recovery` the same with the recovery law. The row `best possible` has the
-best end of all controllers, and where none stays on the road, of a search (`slide_search`) with
---budget drives. --quick drives every second angle, yaw rate and speed. Writes the JSON, a page
-(.md) and a figure (.png) beside it.
+fallback alone drives, `recovery` the same with the recovery law. --quick drives every second angle,
+yaw rate and speed. Writes the JSON, a page (.md) and a figure (.png) beside it.
 """
 
 import argparse
 import itertools
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -30,9 +28,7 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 from matplotlib.figure import Figure
-from rich.console import Console
-from slide_search import Goal, SlideSearch
-from tables import TextTable, markdown, share, show
+from tables import markdown, share
 
 from experiments import simulation
 from experiments.simulation import Setup
@@ -46,8 +42,7 @@ ROAD_M, LENGTH_M, TIME_S = 8.0, 400.0, 5.0
 SETTLED_SIDESLIP_RAD, SETTLED_YAW_RATE_RADPS, SETTLED_S = np.radians(5.0), 0.1, 0.5
 SPUN_RAD = np.radians(90.0)
 LEAST_MPS = 1.0  # a slower car has no sideslip angle: it counts as stopped, which is settled
-FAILING = {'solver.max_iterations': 1, 'solver.fallback': 'none'}
-BEST, BUDGET, SEED = 'best possible', 300, 1  # of the search
+FAILING = {'solver.max_iterations': 1}
 SPECIAL = {'fallback': FAILING, 'recovery': FAILING | {'fallback.recovery': True}}
 
 
@@ -107,34 +102,9 @@ def setup_of(controller: str, settings: dict | None = None) -> Setup:
 
 def drive(setup: Setup, slide: Slide) -> Ending:
     """Drive from a slide until the car is settled, spins or the time is up."""
-    odometry = simulation.run(_at(setup, slide), explain=False)['/vehicle/odometry']
+    setup = setup._replace(scn=scenario.parse(slide_scenario(slide), 'slide'))
+    odometry = simulation.run(setup, explain=False)['/vehicle/odometry']
     return ending(odometry, setup.plant)
-
-
-def best_possible(setup: Setup, slide: Slide, driven: Sequence[Ending], budget: int) -> Ending:
-    """Return the best end of a slide: of those that were driven, and of a search.
-
-    The search looks only where no driven car stayed on the road; a budget of 0 leaves it out.
-    """
-    best = max(driven, key=_rank)
-    if best.on_road or not budget:
-        return best
-    goal = Goal(ROAD_M / 2, SETTLED_SIDESLIP_RAD, SETTLED_YAW_RATE_RADPS, SPUN_RAD)
-    search = SlideSearch(_at(setup, slide), goal)
-    for odometry in search.drives(budget, SEED):
-        best = max(best, ending(odometry, setup.plant), key=_rank)
-        if best.on_road:
-            break
-    return best
-
-
-def _at(setup, slide):
-    return setup._replace(scn=scenario.parse(slide_scenario(slide), 'slide'))
-
-
-def _rank(end: Ending) -> tuple[int, float]:
-    """Return how good an end is: saved, recovered off the road, lost; then by its offset."""
-    return end.recovered + end.on_road, -end.largest_offset_m
 
 
 def ending(odometry, plant) -> Ending:
@@ -172,36 +142,19 @@ def grid(quick: bool = False) -> list[Slide]:
     ]
 
 
-def end_all(function: Callable[..., Ending], jobs: int, *arguments: Sequence) -> list[Ending]:
-    """Return what a function returns for every slide, in `jobs` processes."""
-    if jobs == 1:
-        return list(map(function, *arguments))
-    with ProcessPoolExecutor(jobs) as pool:
-        return list(pool.map(function, *arguments, chunksize=4))
-
-
-def table(by_controller: dict[str, list[Ending]], slides: Sequence[Slide]) -> TextTable:
-    """Return the shares recovered, of all and by speed, and those on the road of the possible."""
+def table(by_controller: dict[str, list[Ending]], slides: Sequence[Slide]) -> str:
+    """Return the shares recovered, of all and by speed, and on the road."""
     speeds = sorted({slide.speed_mps for slide in slides})
-    columns = ('controller', 'drives', 'recovered', 'on the road', 'of the possible')
-    columns += ('median time', *(f'{v:g} m/s' for v in speeds))
-    possible = sum(end.on_road for end in by_controller.get(BEST, ()))
+    columns = ('controller', 'drives', 'recovered', 'on the road', 'median time')
     rows = []
     for name, endings in by_controller.items():
         times = [e.settled_s for e in endings if e.settled_s is not None]
         at = [[e.recovered for e, s in zip(endings, slides) if s.speed_mps == v] for v in speeds]
-        rows.append(
-            (
-                name,
-                str(len(endings)),
-                share(float(np.mean([e.recovered for e in endings]))),
-                share(float(np.mean([e.on_road for e in endings]))),
-                share(sum(e.on_road for e in endings) / possible) if possible else '-',
-                f'{np.median(times):.2f} s' if times else '-',
-                *(share(float(np.mean(values))) for values in at),
-            )
-        )
-    return TextTable('Slides that end well', columns, rows)
+        shares = ([e.recovered for e in endings], [e.on_road for e in endings], *at)
+        recovered, on_road, *by_speed = (share(float(np.mean(values))) for values in shares)
+        median = f'{np.median(times):.2f} s' if times else '-'
+        rows.append((name, len(endings), recovered, on_road, median, *by_speed))
+    return markdown('Slides that end well', (*columns, *(f'{v:g} m/s' for v in speeds)), rows)
 
 
 def figure(by_controller: dict[str, list[Ending]], slides: Sequence[Slide]) -> Figure:
@@ -239,25 +192,20 @@ def main() -> None:
     parser.add_argument('controllers', nargs='*', default=names, metavar='CONTROLLER')
     parser.add_argument('--quick', action='store_true', help='every second angle and speed')
     parser.add_argument('--jobs', type=int, default=1, help='processes (default: 1)')
-    text = f'drives of the search for the best possible, per slide; 0: none (default: {BUDGET})'
-    parser.add_argument('--budget', type=int, default=BUDGET, help=text)
     parser.add_argument('--json', type=Path, default=Path(__file__).with_suffix('.json'))
     options = parser.parse_args()
     slides = grid(options.quick)
     by_controller = {}
-    for name in options.controllers:
-        by_controller[Path(name).stem] = end_all(
-            partial(drive, setup_of(name)), options.jobs, slides
-        )
-    search = partial(best_possible, setup_of('mpcc'), budget=options.budget)
-    driven = list(zip(*by_controller.values()))
-    by_controller[BEST] = end_all(search, options.jobs, slides, driven)
+    with ProcessPoolExecutor(options.jobs) as pool:
+        for name in options.controllers:
+            own = partial(drive, setup_of(name))
+            by_controller[Path(name).stem] = list(pool.map(own, slides, chunksize=4))
     result = table(by_controller, slides)
-    show(Console(), result)
+    print(result)
     rows = {name: [(*s, *e) for s, e in zip(slides, es)] for name, es in by_controller.items()}
     fields = [*Slide._fields, *Ending._fields]
     options.json.write_text(json.dumps({'columns': fields, 'drives': rows}, indent=0))
-    options.json.with_suffix('.md').write_text(markdown(result))
+    options.json.with_suffix('.md').write_text(result)
     figure(by_controller, slides).savefig(options.json.with_suffix('.png'), dpi=130)
 
 

@@ -1,4 +1,4 @@
-"""How often does a process that was killed and started again not hear the others, by transport?
+"""How often is a process that was killed and started again deaf? docs/faults.md, by transport.
 
     .venv/bin/python bench/restarts.py [--kills 60]
 

@@ -1,12 +1,11 @@
-"""What a path and its road edges cost the thread of a controller that receives them."""
+"""What paths and road edges cost the thread that receives them: a table of docs/performance.md."""
 
 import time
 from collections.abc import Callable
 from timeit import repeat
 
 import numpy as np
-from rich.console import Console
-from tables import TextTable, number, show
+from tables import markdown, number
 
 from mpcc_controller.path import compiled_queries, reference_path, road_edges
 from msgs_yaml import encode, raw_scenario
@@ -25,7 +24,7 @@ def main():
     compiled_queries.library()  # a controller compiles it before the first message
     rows = [row for poses in POSES for row in _measure(poses)]
     columns = ('message', 'elements', 'kB', 'new ms', 'repeated ms', 'sent again ms')
-    show(Console(), TextTable('Processor time per message', columns, rows))
+    print(markdown('Processor time per message', columns, rows))
 
 
 def _measure(poses):

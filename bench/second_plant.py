@@ -1,4 +1,4 @@
-"""The double track against the multi-body model of CommonRoad: manoeuvres and closed loops.
+"""The double track against the multi-body model of CommonRoad: tables of docs/second_plant.md.
 
 `python bench/second_plant.py [--figure docs/second_plant.png]` prints two tables in Markdown. Both
 plants are the same car: vehicle_plant/config/bmw_320i.yaml and commonroad_320i.yaml. With
@@ -159,10 +159,13 @@ def draw(driven: dict[str, dict[str, Driven]]) -> Figure:
     step.set_xlim(-0.2, 2.0)
     circle.set_xlim(0.0, SLIDING_DEG)
     circle.set_ylim(0.0, None)
-    procedure.label_axes(circle, 'lateral acceleration [m/s²]', 'steer [deg]')
-    procedure.label_axes(step, 'yaw rate [deg/s]', 'time since the step [s]')
-    procedure.label_axes(braking, 'yaw rate [deg/s]', 'brakes of 4 m/s² in a turn: time [s]')
-    procedure.label_axes(dwell, 'yaw rate [deg/s]', 'sine with dwell: time [s]')
+    circle.set(ylabel='lateral acceleration [m/s²]', xlabel='steer [deg]')
+    step.set(ylabel='yaw rate [deg/s]', xlabel='time since the step [s]')
+    braking.set(ylabel='yaw rate [deg/s]', xlabel='brakes of 4 m/s² in a turn: time [s]')
+    dwell.set(ylabel='yaw rate [deg/s]', xlabel='sine with dwell: time [s]')
+    for axes in figure.axes:
+        axes.grid()
+        axes.legend()
     return figure
 
 

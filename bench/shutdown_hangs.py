@@ -1,4 +1,4 @@
-"""How often Fast DDS hangs when processes shut down together, with and without subscriptions.
+"""How often Fast DDS hangs when processes shut down together: a table of docs/faults.md.
 
     .venv/bin/python bench/shutdown_hangs.py [--processes 10] [--times 100] [--domain 34]
 

@@ -1,4 +1,4 @@
-"""Does a node graph that runs for an hour keep growing? Memory, open files, threads.
+"""Does a node graph that runs for an hour grow? "Soak" of docs/faults.md, memory of docs/safety.md.
 
     .venv/bin/python bench/soak.py                          one hour of simulated time, lockstep
     .venv/bin/python bench/soak.py --mode realtime --minutes 10
@@ -31,6 +31,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import psutil
 import realtime
 
 from experiments.configuration import inputs, node_config
@@ -65,19 +66,12 @@ class Look(NamedTuple):
 
 def look(pid: int) -> Look | None:
     """Return what a process holds, None when it has just ended."""
-    folder = Path('/proc', str(pid))
     try:
-        status = dict(line.split(':', 1) for line in (folder / 'status').read_text().splitlines())
-        files = list((folder / 'fd').iterdir())
-    except OSError:
+        process = psutil.Process(pid)
+        memory_mb = process.memory_info().rss / 1e6
+        return Look(memory_mb, process.num_fds(), process.num_threads())
+    except psutil.Error:
         return None
-    if 'VmRSS' not in status:
-        return None
-    return Look(
-        memory_mb=int(status['VmRSS'].split()[0]) / 1e3,
-        files=len(files),
-        threads=int(status['Threads']),
-    )
 
 
 class Growth(NamedTuple):

@@ -1,149 +1,307 @@
-"""How fast and how good are the solvers, on the problems of closed loops?
+"""How fast and how good are the solvers? Rows of docs/measured.md, tables of docs/solver.md.
 
     .venv/bin/python bench/solver_comparison.py [--quick] [--passes 3] [--interpreted] [--out bench]
 
-Writes solver.md and solver.json into the folder --out. --problems FILE keeps the problems, so that
-a run can be repeated on the same ones, by this or another version of the solvers.
+They solve the problems of closed loops. Writes solver.md into the folder --out: warm, cold and
+surprised starts in turn and alone, the slowest problems, the time to make a controller, and one
+step per tick (`one_step`).
 """
 
 import argparse
+import gc
+import os
+import tempfile
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
+from unittest import mock
 
-import active_limits
 import closed_loops
-import interleaved_runs
 import machine
+import numpy as np
 import one_step
+import pandas as pd
 import problems
-import scaling
-import solver_report
-import solver_variants
-import start_up
-import summary
-import tables
-from assessment import Assessment, Assessor
-from problems import Problems
-from rich.console import Console
+from assessment import GOOD, MAX_GAP, MAX_RESIDUAL, OTHER_MINIMUM, WORSE, Assessment, Assessor
+from problems import COLD, POP_UP, WARM, Task
 from rich.progress import Progress
-from solver_variants import Variant
+from tables import markdown, number, share
 
+from mpcc_controller.driving import tick_solvers
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.problem import mpcc_formulation, ocp
-from stage_solver.stage_problem import StageProblem
+from stage_solver import compiled_functions, reference_solvers, solver
+from stage_solver.reference_solvers import ReferenceSolver
+from stage_solver.solution import SolverOptions
+from stage_solver.solver import StageSolver
+from stage_solver.stage_problem import Plan, StageProblem
 
 FULL_PASSES, QUICK_PASSES = 3, 2
 COLD_EVERY = 5  # problems
-WIDTH = 165  # characters of the tables, also where there is no terminal
+OURS, ONE_STEP, BASELINE, NATIVE = 'ours', 'ours_one_step', 'fatrop_c', 'fatrop_c_native'
+NATIVE_FLAGS = ('-O3', '-march=native')  # what our own solver may use, too
+SLOWEST = 8  # problems to be shown
+CACHE = 'MPCC_CACHE_DIR'
+KINDS = (WARM, COLD, POP_UP)
+FORMATS = {'good': share, **dict.fromkeys(('max gap', 'max residual'), '{:.0e}'.format)}
+METHOD = (
+    'Every solver starts from its own plans (and multipliers, where it takes them) of the tick '
+    'before, moved on as the controller does it. The solvers take turns on one core, problem by '
+    'problem; the time of a problem is the median over the passes, measured around the call; '
+    'median, p99 and max are over the problems. Absolute times depend on what else the machine '
+    f'does, ratios do not; they leave out the problems that {BASELINE} does not solve. The first '
+    'tick of a loop has no plan to start from and is not among the warm starts. "Alone": the same '
+    'problems, one solver after the other, so that each has the caches of the processor for '
+    'itself, as in a controller. "Pop-up": an obstacle has appeared 15 to 40 m ahead. `_c`: CasADi '
+    f'functions compiled by gcc -O2; `_vm`: interpreted; `{NATIVE}`: with {" ".join(NATIVE_FLAGS)},'
+    f' as our own solver may use it. `{ONE_STEP}`: from a plan it ends after the first step that '
+    'leaves little to gain (docs/solver.md); without a plan it converges.\n\n'
+    f'Good: residual of every constraint at most {MAX_RESIDUAL:g} (m, rad, kN, ...) and cost '
+    f'within {MAX_GAP:g} (relative) of what IPOPT finds with a tolerance of 1e-8 from the same '
+    'start. An answer within that of a minimum that IPOPT finds from the answer, while from the '
+    'start it finds another one, is at another minimum and counts neither way. Costs and residuals '
+    'are evaluated from the stage functions, not taken from the solvers.\n'
+)
+
+
+class Variant(NamedTuple):
+    """A solver, or a way to use it."""
+
+    label: str
+    options: SolverOptions
+    reference: str = ''  # of `reference_solvers.NAMES`; '' is our own solver
+    flags: tuple[str, ...] | None = None  # of the compiler for CasADi's functions; None: none
+
+    def make(self, problem: StageProblem) -> StageSolver | ReferenceSolver:
+        """Return the solver; compiles what is not in the cache."""
+        if not self.reference:
+            return solver.make_solver(problem, self.options)
+        compiled = self.flags is not None
+        return ReferenceSolver(problem, self.reference, self.options, compiled, self.flags)
+
+
+class Answer(NamedTuple):
+    """The answer of a solver to a task, without the cost and residual that it reports."""
+
+    plan: Plan
+    iterations: int
+    message: str
+
+
+def available(params: ControllerParams, interpreted: bool) -> list[Variant]:
+    """Return the available variants, ours first; `interpreted` adds CasADi's interpreter."""
+    stepping = closed_loops.with_solver(params, mode='one_step')
+    one_step = tick_solvers.solver_options(stepping, limit_time=False)
+    options = replace(one_step, one_step=None)
+    variants = [Variant(OURS, options), Variant(ONE_STEP, one_step)]
+    for name in reference_solvers.NAMES:
+        variants.append(Variant(f'{name}_c', options, name, compiled_functions.FLAGS))
+        if f'{name}_c' == BASELINE:
+            variants.append(Variant(NATIVE, options, name, NATIVE_FLAGS))
+        if interpreted:
+            variants.append(Variant(f'{name}_vm', options, name))
+    return variants
+
+
+def run(
+    solvers: dict[str, StageSolver],
+    given: dict[str, list[Task]],
+    passes: int,
+    report: Callable[[], None] = lambda: None,
+) -> tuple[dict[str, list[Answer]], dict[str, np.ndarray]]:
+    """Solve all tasks `passes` times, the solvers in turn; call `report` after every task.
+
+    Returns by label the answers of the last pass and the times [s], (passes, tasks). A busy machine
+    slows all solvers alike.
+    """
+    count = len(next(iter(given.values())))
+    seconds = {label: np.full((passes, count), np.nan) for label in solvers}
+    answers = {label: [None] * count for label in solvers}
+    order = list(solvers)
+    gc.collect()
+    gc.disable()
+    try:
+        for a_pass in range(passes):
+            for j in range(count):
+                # no solver always runs after the same one, with the CPU caches of this one
+                order = order[1:] + order[:1]
+                for label in order:
+                    arguments = given[label][j][1:]
+                    began = time.perf_counter()
+                    solution = solvers[label].solve(*arguments)
+                    seconds[label][a_pass, j] = time.perf_counter() - began
+                    plan = Plan(solution.plan.X, solution.plan.U)
+                    answers[label][j] = Answer(plan, solution.iterations, solution.message)
+                report()
+    finally:
+        gc.enable()
+    return answers, seconds
+
+
+def table_of(
+    label: str,
+    tasks: list[Task],
+    answers: list[Answer],
+    assessments: list[Assessment],
+    in_turn: np.ndarray,
+    alone: np.ndarray,
+) -> pd.DataFrame:
+    """Return a row per task of a solver; times [ms] of the passes, and their medians."""
+    return pd.DataFrame(
+        {
+            'solver': label,
+            'start': [task.kind for task in tasks],
+            'number': range(len(tasks)),
+            'ms': 1e3 * np.median(in_turn, axis=0),
+            'least': 1e3 * in_turn.min(axis=0),
+            'most': 1e3 * in_turn.max(axis=0),
+            'alone_ms': 1e3 * np.median(alone, axis=0),
+            'iterations': [answer.iterations for answer in answers],
+            'message': [answer.message for answer in answers],
+            'kind': [one.kind for one in assessments],
+            'gap': [one.gap for one in assessments],
+            'residual': [one.residual for one in assessments],
+        }
+    )
+
+
+def spread(ms: pd.Series) -> list[float]:
+    """Return median, 99th percentile and maximum."""
+    return [ms.median(), ms.quantile(0.99), ms.max()]
+
+
+def summarise(driven: pd.DataFrame) -> pd.DataFrame:
+    """Return a row of numbers per start and solver, in their order.
+
+    `good` is the share of good answers without those at other minima. Ratios are taken over the
+    tasks that the baseline solved: its slow failures would favour the other solvers.
+    """
+    rows = []
+    for kind in KINDS:
+        of_kind = driven[driven.start == kind]
+        baseline = of_kind[of_kind.solver == BASELINE].set_index('number')
+        solved = baseline.index[baseline.kind.isin((GOOD, OTHER_MINIMUM))]
+        for label, own in of_kind.groupby('solver', sort=False):
+            counted = own[own.kind != OTHER_MINIMUM]
+            gaps = own.gap[own.kind.isin((GOOD, WORSE))]
+            times = [spread(of.ms[of.number.isin(solved)]) for of in (own, baseline.reset_index())]
+            rows.append(
+                {
+                    'start': kind,
+                    'solver': label,
+                    **dict(zip(('median', 'p99', 'max'), spread(own.ms))),
+                    'iterations': f'{own.iterations.median():.0f} / {own.iterations.max()}',
+                    'good': (counted.kind == GOOD).mean() if len(counted) else 1.0,
+                    'other minima': int((own.kind == OTHER_MINIMUM).sum()),
+                    'max gap': gaps.max() if gaps.notna().any() else 0.0,
+                    'max residual': own.residual.max(),
+                    **{
+                        f'/ {BASELINE}: {name}': ratio
+                        for name, ratio in zip(('median', 'p99', 'max'), np.divide(*times))
+                    },
+                    **{
+                        f'alone: {name}': ms
+                        for name, ms in zip(('median', 'p99', 'max'), spread(own.alone_ms))
+                    },
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def texts(driven: pd.DataFrame) -> list[str]:
+    """Return the tables of what was driven, in Markdown."""
+    summary = summarise(driven)
+    shown = summary.apply(
+        lambda column: column.map(
+            FORMATS.get(column.name, number if column.dtype == float else str)
+        )
+    )
+    warm = driven[(driven.solver == OURS) & (driven.start == WARM)]
+    slowest = [
+        (row.number, row.iterations, *map(number, (row.ms, row.least, row.most)), row.message)
+        for row in warm.nlargest(SLOWEST, 'ms').itertuples()
+    ]
+    columns = ('problem', 'iterations', 'median ms', 'least of the passes', 'most', 'ending')
+    return [
+        markdown('Starts (ms)', shown.columns, shown.itertuples(index=False)),
+        markdown(f'The slowest warm starts of {OURS}', columns, slowest),
+    ]
+
+
+def compare(
+    given: list[problems.Posed],
+    problem: StageProblem,
+    params: ControllerParams,
+    chosen: list[Variant],
+    passes: int,
+    track: Callable[..., Iterable],
+) -> pd.DataFrame:
+    """Solve the problems by every variant in turn, then by each alone; return a row per solve."""
+    solvers = {one.label: one.make(problem) for one in track(chosen, description='compiling')}
+    tasks = {
+        label: problems.tasks(problem, given, params.fallback, one, COLD_EVERY)
+        for label, one in track(solvers.items(), description='making warm starts')
+    }
+    answers, in_turn = run(solvers, tasks, passes)
+    alone = {
+        label: run({label: one}, {label: tasks[label]}, passes)[1][label]
+        for label, one in track(solvers.items(), description='solving, each alone')
+    }
+    assessor, tables = Assessor(problem), []
+    for label, own in track(tasks.items(), description='assessing'):
+        quality = [assessor.assess(task, one.plan) for task, one in zip(own, answers[label])]
+        tables.append(table_of(label, own, answers[label], quality, in_turn[label], alone[label]))
+    return pd.concat(tables, ignore_index=True)
+
+
+def start_up(params: ControllerParams) -> str:
+    """Return how long it takes to make a controller: the first time, and once more."""
+
+    def seconds():
+        began = time.perf_counter()
+        closed_loops.make_controller(params, friction=1.0)
+        return number(time.perf_counter() - began)
+
+    with tempfile.TemporaryDirectory() as folder, mock.patch.dict(os.environ, {CACHE: folder}):
+        row = seconds(), seconds()
+    return markdown('Making a controller (s)', ('empty cache', 'full cache'), [row])
 
 
 def main() -> None:
     """Measure, print the tables, and write them."""
-    arguments = parse_arguments()
-    console = Console()
-    console.width = max(console.width, WIDTH)
-    facts = machine.named() | {'runs on': machine.pin()}
-    passes = arguments.passes or (QUICK_PASSES if arguments.quick else FULL_PASSES)
-    params = closed_loops.controller_params('mpcc')
-    model = params.model
-    size = len(params.body.circle_offsets_m), params.surroundings.max_obstacles
-    problem = ocp.build(mpcc_formulation.symbolic_ocp(*size), model.horizon, model.step_s)
-    chosen = solver_variants.available(params, arguments.interpreted)
-    with Progress(console=console) as progress:
-        given = problems_of(arguments, problem, progress)
-        assessor = Assessor(problem)
-        ran, alone = measure(problem, given, params, chosen, passes, progress)
-        assessments = assess(assessor, ran, progress)
-        rows = summary.summarize(ran, assessments, params.solver.fallback_limit_s)
-        alone_rows = summary.alone(alone, assessments)
-        active = active_limits.find_active(problem, given, *size)
-        demanding = active_limits.demanding(active)
-        text_tables = [
-            solver_report.activity(given, active, demanding),
-            solver_report.timing(rows),
-            solver_report.starts(rows),
-            solver_report.alone(alone_rows),
-            solver_report.slowest(rows),
-        ]
-        for text_table in text_tables:
-            tables.show(console, text_table)
-        figures = {'passes': passes, 'active_share': float(demanding.mean()), 'alone': alone_rows}
-        if not arguments.quick:
-            for part in (scaling, start_up, one_step):
-                text_table, figures[part.__name__] = part.measure(params, progress)
-                text_tables.append(text_table)
-                tables.show(console, text_table)
-    settings = f'{len(given.x0)} problems, {passes} passes'
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    text = solver_report.as_markdown(facts, settings, text_tables, rows)
-    (arguments.out / 'solver.md').write_text(text)
-    numbers = solver_report.as_json(facts, len(given.x0), rows, figures)
-    (arguments.out / 'solver.json').write_text(numbers)
-    console.print(f'written: {arguments.out / "solver.md"}, {arguments.out / "solver.json"}')
-
-
-def measure(
-    problem: StageProblem,
-    given: Problems,
-    params: ControllerParams,
-    chosen: list[Variant],
-    passes: int,
-    progress: Progress,
-) -> tuple[interleaved_runs.Timings, interleaved_runs.Timings]:
-    """Build the solvers and their warm starts, then measure them in turns, and each alone."""
-    solvers = solver_variants.make_solvers(
-        problem, progress.track(chosen, description='compiling'), params
-    )
-    tasks = {
-        label: interleaved_runs.tasks(problem, given, params.fallback, one, COLD_EVERY)
-        for label, one in progress.track(solvers.items(), description='making warm starts')
-    }
-    total = passes * len(next(iter(tasks.values())))
-    bar = progress.add_task('solving, the solvers in turn', total=total)
-    in_turn = interleaved_runs.run(solvers, tasks, passes, lambda: progress.advance(bar))
-    bar = progress.add_task('solving, each alone', total=total * len(solvers))
-    alone = interleaved_runs.run_alone(solvers, tasks, passes, lambda: progress.advance(bar))
-    return in_turn, alone
-
-
-def problems_of(arguments, problem: StageProblem, progress: Progress) -> Problems:
-    """Return the problems of the file, or those of the loops, kept where a file is named."""
-    if arguments.problems is not None and arguments.problems.exists():
-        return problems.load(arguments.problems, problem)
-    driven = closed_loops.QUICK if arguments.quick else closed_loops.FULL
-    given = problems.record(progress.track(driven, description='driving'))
-    if arguments.problems is not None:
-        problems.save(given, arguments.problems)
-    return given
-
-
-def assess(
-    assessor: Assessor, ran: interleaved_runs.Timings, progress: Progress
-) -> dict[str, list[Assessment]]:
-    """Return the assessment of every answer."""
-    bar = progress.add_task('assessing', total=sum(map(len, ran.answers.values())))
-    assessments = {}
-    for label, answers in ran.answers.items():
-        assessments[label] = []
-        for task, answer in zip(ran.tasks[label], answers):
-            assessments[label].append(assessor.assess(task, answer))
-            progress.advance(bar)
-    return assessments
-
-
-def parse_arguments() -> argparse.Namespace:
-    """Return the arguments of the command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument('--quick', action='store_true', help='few problems, no scaling tables')
+    parser.add_argument('--quick', action='store_true', help='few problems, starts only')
     parser.add_argument('--passes', type=int, help='how often each problem is solved')
     parser.add_argument('--interpreted', action='store_true', help='also without compiled code')
-    parser.add_argument('--problems', type=Path, help='file of the problems; made when missing')
     parser.add_argument('--out', type=Path, default=Path(__file__).parent, help='folder to write')
-    arguments = parser.parse_args()
-    if arguments.passes is not None and arguments.passes < 1:
+    options = parser.parse_args()
+    passes = options.passes or (QUICK_PASSES if options.quick else FULL_PASSES)
+    if passes < 1:
         parser.error('--passes must be 1 or more')
-    return arguments
+    facts = machine.named() | {'runs on': machine.pin()}
+    params = closed_loops.controller_params('mpcc')
+    size = len(params.body.circle_offsets_m), params.surroundings.max_obstacles
+    symbolic = mpcc_formulation.symbolic_ocp(*size)
+    problem = ocp.build(symbolic, params.model.horizon, params.model.step_s)
+    with Progress() as progress:
+        loops = closed_loops.QUICK if options.quick else closed_loops.FULL
+        given = problems.record(progress.track(loops, description='driving'))
+        chosen = available(params, options.interpreted)
+        parts = texts(compare(given, problem, params, chosen, passes, progress.track))
+        if not options.quick:
+            parts += [start_up(params), one_step.table(params, progress.track)]
+    lines = '\n'.join(f'- {name}: {value}' for name, value in facts.items())
+    head = (
+        f'# Solvers\n\nMade by `make bench`: {len(given)} problems, {passes} passes.\n\n{lines}\n'
+    )
+    print('\n'.join(parts))
+    options.out.mkdir(parents=True, exist_ok=True)
+    (options.out / 'solver.md').write_text('\n'.join([head, METHOD, *parts]))
+    print(f'written: {options.out / "solver.md"}')
 
 
 if __name__ == '__main__':

@@ -26,11 +26,14 @@ from stage_solver import (
     StageProblem,
     make_solver,
     no_bounds,
+    reference_solvers,
     rk2,
     zero_plan,
 )
+from stage_solver.reference_solvers import ReferenceSolver
 
-SOLVERS = ('riccati', 'fatrop', 'ipopt')
+OWN = 'riccati'
+SOLVERS = (OWN, *reference_solvers.NAMES)
 STAGES, STATES = (20, 50, 100, 200), (4, 8, 12)
 STEP_S, MAX_FORCE_N = 0.1, 1.0
 DISTURBANCE = 0.05  # of the initial state, solver units
@@ -98,8 +101,10 @@ def make_cases(quick: bool) -> dict[str, Case]:
 def run_case(case: Case, instances: int, passes: int) -> dict[tuple[str, str], Result]:
     """Return the results by (start, solver)."""
     problem, (x0, P, bounds, guess) = case
-    options = {'max_iterations': 300, 'tolerance': 1e-6}
-    solvers = {name: make_solver(problem, SolverOptions(name, **options)) for name in SOLVERS}
+    options = SolverOptions(max_iterations=300, tolerance=1e-6)
+    solvers = {OWN: make_solver(problem, options)}
+    for name in reference_solvers.NAMES:
+        solvers[name] = ReferenceSolver(problem, name, options, compiled=True)
     noise = np.abs(np.random.default_rng(SEED).standard_normal((2, instances, problem.nx)))
     initial_states = x0 + DISTURBANCE * noise * problem.scale_x
     results, plans, order = {}, {}, list(SOLVERS)

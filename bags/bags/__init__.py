@@ -1,6 +1,10 @@
 """Record runs to MCAP, play and repair them, and evaluate and compare them offline.
 
-analysis        runs in Python: metrics, DataFrames, derived signals, figures
+run             a run in Python: metrics, DataFrames, derived signals, figures
+run_set         several runs: one table, one figure, one report
+frames          the messages of a topic as a pandas DataFrame
+description     unit and meaning of its columns, shown whole
+metrics_table   the metrics as a table and as CSV
 storage         read, write and repair bags; needs no ROS
 playback        which message is sent when; a clock that pauses, steps and seeks
 evaluation      one run as arrays, its metrics, the timing of its controller
@@ -9,7 +13,6 @@ figures         Matplotlib figures
 viewers         what markers show
 commands        the subcommands of `bags`, one module each; started by cli, parsed by command_line
 errors          errors and warnings of the package
-second_process  a function in a second process while this one continues
 
 The command `bags` and the nodes recorder_node, player_node and markers_node are built from
 these; the docstring of each package lists its modules. Nothing here imports a controller.
@@ -22,22 +25,21 @@ docs/bags.md and docs/report.md are the manuals. In Python:
     run.frame('/vehicle/odometry')
 """
 
-from typing import TYPE_CHECKING
-
-from node_runtime.lazy_names import lazy_names
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bags.analysis.run import Run, load
-    from bags.analysis.run_set import RunSet, compare
+    from bags.run_set import Run, RunSet, compare, load
 
 __all__ = ['Run', 'RunSet', 'compare', 'load']
-# imported when they are first used: nodes need none of them
-__getattr__, __dir__ = lazy_names(
-    __name__,
-    {
-        'Run': 'bags.analysis.run',
-        'RunSet': 'bags.analysis.run_set',
-        'compare': 'bags.analysis.run_set',
-        'load': 'bags.analysis.run',
-    },
-)
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name of __all__ when it is first used: nodes need none of them."""
+    if name not in __all__:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    return getattr(import_module('bags.run_set'), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

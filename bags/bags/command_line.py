@@ -9,6 +9,7 @@ import argparse
 import gc
 import json
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -19,7 +20,7 @@ from typing import Any
 
 from bags.errors import BagError
 from msgs_yaml.strict_yaml import closest
-from node_runtime import provenance, source_tree
+from node_runtime import provenance
 from node_runtime.parameters import ParameterError
 
 GARBAGE_THRESHOLD = 50_000  # new objects between two collections
@@ -50,11 +51,21 @@ def main(
     # imports and figures create many objects and hardly any cycles: looking for these less often
     # saves a tenth of the time
     gc.set_threshold(GARBAGE_THRESHOLD)
-    warnings.formatwarning = _WarningLines()
-    args = _parser(program, description, commands, meant).parse_args(arguments)
-    stale = source_tree.describe_stale(Path.cwd())
-    if stale:
-        print(f'warning: {stale}', file=sys.stderr)
+    _print_warnings_once()
+    parser = _Parser(prog=program, description=description)
+    parser.meant = meant
+    # without `dest`: `bags play` takes every attribute of the options as a parameter
+    subparsers = parser.add_subparsers(title='commands', required=True, metavar='COMMAND')
+    for name in commands:
+        module = import_module(f'{program}.commands.{name.replace("-", "_")}')
+        example = f'example: {module.EXAMPLE}' if hasattr(module, 'EXAMPLE') else None
+        command = subparsers.add_parser(
+            name, help=module.HELP, description=module.__doc__, epilog=example
+        )
+        command.set_defaults(command=module.run)
+        module.add_arguments(command)
+    parser.commands = subparsers.choices.values()
+    args = parser.parse_args(arguments)
     try:
         return args.command(args)
     except ModuleNotFoundError as error:
@@ -65,14 +76,34 @@ def main(
         print(text, file=sys.stderr)
         return 1
     except (BagError, ParameterError, OSError) as error:
-        print(f'error: {" ".join(_message(error).split())}', file=sys.stderr)
+        text = str(error)
+        if isinstance(error, OSError) and error.strerror and error.filename:
+            # the file first, without the errno of the system
+            text = f'{error.filename}: {error.strerror}'
+        print(f'error: {" ".join(text.split())}', file=sys.stderr)
         return 1
     except KeyboardInterrupt as interrupt:
         print(': '.join(('interrupted', *map(str, interrupt.args))), file=sys.stderr)
         return getattr(interrupt, 'exit_code', INTERRUPTED)
 
 
-def add_bag(parser: argparse._ActionsContainer, **options: Any) -> None:
+def _print_warnings_once():
+    """Print a warning of ours as one line, and only once; others as Python formats them."""
+    seen, others = set(), warnings.formatwarning
+
+    def text(message, category, *place):
+        if not issubclass(category, UserWarning):
+            return others(message, category, *place)
+        line = f'warning: {message}\n'
+        if line in seen:
+            return ''
+        seen.add(line)
+        return line
+
+    warnings.formatwarning = text
+
+
+def add_bag(parser: Any, **options: Any) -> None:
     """Add the argument of a bag."""
     options = {'metavar': 'BAG', 'help': 'folder of a bag, or its MCAP file'} | options
     parser.add_argument('bag', **options)
@@ -125,67 +156,22 @@ def number_text(value: float | None, form: str) -> str:
     return '-' if value is None else f'{value:{form}}'
 
 
-class _WarningLines:
-    """The text of a warning of ours: one line, and only once; others as Python formats them."""
-
-    def __init__(self):
-        self._seen = set()
-        self._others = warnings.formatwarning
-
-    def __call__(self, message, category, *place):
-        if not issubclass(category, UserWarning):
-            return self._others(message, category, *place)
-        text = f'warning: {message}\n'
-        is_new = text not in self._seen
-        self._seen.add(text)
-        return text if is_new else ''
-
-
-def _message(error):
-    """Return the text of an error: the file first, without the errno of the system."""
-    if isinstance(error, OSError) and error.strerror and error.filename:
-        return f'{error.filename}: {error.strerror}'
-    return str(error)
-
-
 class _Parser(argparse.ArgumentParser):
     """Suggests the closest command, choice or option for a misspelt one."""
 
     meant = NOTHING_MEANT  # the command to suggest for a word that is none
-
-    def _check_value(self, action, value):
-        try:
-            super()._check_value(action, value)
-        except argparse.ArgumentError as error:
-            word = self.meant.get(str(value))
-            near = closest(str(value), map(str, action.choices))
-            error.message += f'; did you mean {word!r}?' if word else near
-            raise
+    commands: Sequence['_Parser'] = ()
 
     def error(self, message):
-        """Print the usage and the message, with a suggestion for an unknown option; exit 2."""
-        words = message.partition('unrecognized arguments: ')[2].split()
-        unknown = [word.partition('=')[0] for word in words if word.startswith('--')]
-        super().error(message + (closest(unknown[0], self._options()) if unknown else ''))
-
-    def _options(self):
-        """Return every option of the program and its commands."""
-        groups = [a for a in self._actions if isinstance(a, argparse._SubParsersAction)]
-        commands = [parser for group in groups for parser in group.choices.values()]
-        return {name for parser in (self, *commands) for name in parser._option_string_actions}
-
-
-def _parser(program, description, commands, meant):
-    parser = _Parser(prog=program, description=description)
-    parser.meant = meant
-    # without `dest`: `bags play` takes every attribute of the options as a parameter
-    subparsers = parser.add_subparsers(title='commands', required=True, metavar='COMMAND')
-    for name in commands:
-        module = import_module(f'{program}.commands.{name.replace("-", "_")}')
-        example = f'example: {module.EXAMPLE}' if hasattr(module, 'EXAMPLE') else None
-        command = subparsers.add_parser(
-            name, help=module.HELP, description=module.__doc__, epilog=example
-        )
-        command.set_defaults(command=module.run)
-        module.add_arguments(command)
-    return parser
+        """Print the usage and the message with a suggestion; exit 2."""
+        choice = re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)", message)
+        unknown = re.search(r'unrecognized arguments:.*?(--[^\s=]+)', message)
+        if choice and choice[1] in self.meant:
+            message += f'; did you mean {self.meant[choice[1]]!r}?'
+        elif choice:
+            message += closest(choice[1], re.findall(r"[^\s,']+", choice[2]))
+        elif unknown:
+            texts = (parser.format_help() for parser in (self, *self.commands))
+            options = {name for text in texts for name in re.findall(r'--[\w-]+', text)}
+            message += closest(unknown[1], options)
+        super().error(message)

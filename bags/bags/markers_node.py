@@ -19,7 +19,7 @@ from bags.storage.decoding import DECODERS
 from bags.viewers import marker_scene
 from bags.viewers.marker_scene import Shape
 from msgs_yaml import contract, conversions, decode, encode, share
-from node_runtime import help_node, ros, spin_node, subscriptions_node
+from node_runtime import ros, spin_node, subscriptions_node
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -121,8 +121,7 @@ def _time(stamp_ns):
 def main() -> int:
     """Publish until SIGINT or SIGTERM."""
     about = 'Publish road, obstacles, car and plan of a run as markers, for RViz and Foxglove.'
-    help_node.parse(help_node.parser(about, '--ros-args -p mode:=realtime'))
-    return spin_node.spin(MarkersNode)
+    return spin_node.run(MarkersNode, about, '--ros-args -p mode:=realtime')
 
 
 if __name__ == '__main__':

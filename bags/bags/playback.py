@@ -68,14 +68,25 @@ def build_playlist(bag: read.Bag, part: Part = WHOLE_BAG, clock_hz: float = 0.0)
     messages of /clock gets some, `clock_hz` per second of the bag, unless that is 0. Raises
     BagError for a topic that is not in the bag, and for a part without messages.
     """
-    selected = _select(bag, part.topics)
+    present = {name: r for name, r in bag.recordings.items() if r.payloads}
+    for name in part.topics:
+        if name not in present:
+            raise BagError(f'{bag.path}: no message of {name}; it has {", ".join(present)}')
+    names = part.topics or [n for n, r in present.items() if r.topic.type not in OF_NODES]
+    selected = [recorded for name, recorded in present.items() if name in names]
     # within a topic the file has the order of arrival, times may repeat or step back a little
     times = [np.maximum.accumulate(recorded.log_ns) for recorded in selected]
     first_ns = min(int(t[0]) for t in times) + round(part.start_s * NS_PER_S)
     last_ns = max(int(t[-1]) for t in times)
     if part.duration_s:
         last_ns = min(last_ns, first_ns + round(part.duration_s * NS_PER_S))
-    rows = [_rows(r, t, first_ns, last_ns) for r, t in zip(selected, times)]
+    rows = []
+    for recorded, t in zip(selected, times):
+        begin, end = np.searchsorted(t, [first_ns, last_ns + 1]).tolist()
+        # a late subscriber gets the last message before the part
+        profiles = parse_qos(recorded.topic.qos)
+        is_latched = any(profile['durability'] == 'transient_local' for profile in profiles)
+        rows.append(np.arange(begin - (begin > 0 and is_latched), max(begin, end)))
     if not sum(map(len, rows)):
         raise BagError(f'{bag.path}: no message from {part.start_s:g} s on; nothing to play')
     due = [np.maximum(t[i] - first_ns, 0) for t, i in zip(times, rows)]
@@ -85,7 +96,8 @@ def build_playlist(bag: read.Bag, part: Part = WHOLE_BAG, clock_hz: float = 0.0)
         # before everything else: of equal times it is sent first
         ticks = np.arange(0, last_ns - first_ns + 1, round(NS_PER_S / clock_hz))
         topics, due = [CLOCK, *topics], [ticks, *due]
-        payloads = [*_clock_messages(first_ns + ticks), *payloads]
+        clocks = (divmod(ns, NS_PER_S) for ns in (first_ns + ticks).tolist())
+        payloads = [*(CLOCK_CDR.pack(LITTLE_ENDIAN, *clock) for clock in clocks), *payloads]
     number = np.repeat(np.arange(len(due)), [len(d) for d in due])
     due = np.concatenate(due)
     order = np.argsort(due, kind='stable')
@@ -97,34 +109,6 @@ def build_playlist(bag: read.Bag, part: Part = WHOLE_BAG, clock_hz: float = 0.0)
         first_ns=first_ns,
         duration_ns=last_ns - first_ns,
     )
-
-
-def _select(bag, names):
-    present = {name: r for name, r in bag.recordings.items() if r.payloads}
-    for name in names:
-        if name not in present:
-            raise BagError(f'{bag.path}: no message of {name}; it has {", ".join(present)}')
-    return [
-        recorded
-        for name, recorded in present.items()
-        if (name in names if names else recorded.topic.type not in OF_NODES)
-    ]
-
-
-def _rows(recorded, times, first_ns, last_ns):
-    """Return the rows of the part, with the latched message that was current at its start."""
-    begin, end = np.searchsorted(times, [first_ns, last_ns + 1]).tolist()
-    latched = begin > 0 and _is_latched(recorded.topic)
-    return np.arange(begin - latched, max(begin, end))
-
-
-def _is_latched(topic):
-    """Return whether a late subscriber gets the last message (durability transient_local)."""
-    return any(profile['durability'] == 'transient_local' for profile in parse_qos(topic.qos))
-
-
-def _clock_messages(times_ns):
-    return [CLOCK_CDR.pack(LITTLE_ENDIAN, *divmod(ns, NS_PER_S)) for ns in times_ns.tolist()]
 
 
 class PlaybackClock:
@@ -181,7 +165,12 @@ class Keyboard:
         self._pressed = pressed
         self._closing = False
         self._thread = self._before = None
-        self.attached = _is_foreground()
+        # a background process that changes the terminal is stopped by it
+        try:
+            terminal = sys.stdin.isatty() and os.tcgetpgrp(sys.stdin.fileno())
+            self.attached = terminal == os.getpgrp()
+        except (OSError, ValueError, AttributeError):  # closed, or none at all
+            self.attached = False
         if self.attached:
             self._descriptor = sys.stdin.fileno()
             self._before = termios.tcgetattr(self._descriptor)
@@ -205,11 +194,3 @@ class Keyboard:
             self._thread.join()
             self._thread = None
             termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
-
-
-def _is_foreground():
-    # a background process that changes the terminal is stopped by it
-    try:
-        return sys.stdin.isatty() and os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
-    except (OSError, ValueError, AttributeError):  # closed, or none at all
-        return False

@@ -24,7 +24,7 @@ from bags.storage import read
 from bags.storage.rosbag2_metadata import parse_qos
 from msgs_yaml import share
 from msgs_yaml.conversions import NS_PER_S
-from node_runtime import help_node, ros, spin_node
+from node_runtime import ros, spin_node
 from node_runtime.parameters import ParameterError, Range, Struct
 
 DEPTH = 10  # of a publisher whose history is not in the bag
@@ -56,7 +56,7 @@ class PlayerNode(Node):
         defaults = share.path('bags', 'config', 'player.yaml')
         self.params = ros.declare(self, PlayerParams, defaults)
         self.bag, self.playlist = self._load()
-        self.topic_publishers = [self._publisher(topic) for topic in self.playlist.topics]
+        self.topic_publishers = list(map(self._publisher, self.playlist.topics))
         self.keys = SimpleQueue()
         self.keyboard = Keyboard(self.keys.put)
         if self.params.paused and not self.keyboard.attached:
@@ -95,31 +95,28 @@ class PlayerNode(Node):
         )
 
     def _play_guarded(self):
+        code = 1
         try:
             self._play()
+            code = 0
         except Exception:
             traceback.print_exc()
-            spin_node.finish(self, 1)
-        else:
-            spin_node.finish(self)
+        spin_node.finish(self, code)
 
     def _play(self):
-        if not self._wait_for_recorders() or self._pressed(self.params.delay_s) == QUIT:
+        while ros.missing_subscriptions(self, {}):  # of recorders
+            if self._pressed(0.01) == QUIT:
+                return
+        if self._pressed(self.params.delay_s) == QUIT:
             return
-        duration_s = self.playlist.duration_ns / NS_PER_S
+        playlist, paused = self.playlist, self.params.paused
         self.get_logger().info(
-            f'playing {self.bag.path}: {len(self.playlist.payloads)} messages, {duration_s:.3f} s '
-            f'at rate {self.params.rate:g}' + (f'; {HELP}' if self.keyboard.attached else '')
+            f'playing {self.bag.path}: {len(playlist.payloads)} messages, '
+            f'{playlist.duration_ns / NS_PER_S:.3f} s at rate {self.params.rate:g}'
+            + (f'; {HELP}' if self.keyboard.attached else '')
         )
-        paused = self.params.paused
         while self._play_once(paused) and self.params.loop:
             paused = False
-
-    def _wait_for_recorders(self):
-        while ros.missing_subscriptions(self, {}):
-            if self._pressed(0.01) == QUIT:
-                return False
-        return True
 
     def _play_once(self, paused):
         """Publish everything once; return False when the user quits."""
@@ -134,7 +131,13 @@ class PlayerNode(Node):
                 late_ns.append(-clock.wait_s(due_ns, time.monotonic_ns()) * NS_PER_S)
             if self.topic_publishers[topic] is not None:
                 self.topic_publishers[topic].send(data)
-        self._report(late_ns)
+        text = f'played {len(self.playlist.payloads)} messages'
+        if late_ns:
+            p50, p99, most = np.percentile(late_ns, [50, 99, 100]) / NS_PER_MS
+            text += f', late by {p50:.2f} ms (median), {p99:.2f} ms (p99), {most:.2f} ms (max)'
+        self.get_logger().info(text)
+        if self.bag.damage:
+            self.get_logger().warning(self.bag.damage)
         return True
 
     def _wait(self, clock, due_ns):
@@ -147,12 +150,14 @@ class PlayerNode(Node):
             key, now_ns = self._pressed(0.0 if is_due else wait_s), time.monotonic_ns()
             if key == QUIT:
                 return False
+            if key not in (PAUSE, STEP):
+                continue
             if key == PAUSE:
                 clock.toggle(now_ns)
-                self._log_position(clock, now_ns)
-            elif key == STEP:
+            else:
                 clock.step(round(self.params.step_s * NS_PER_S), due_ns, now_ns)
-                self._log_position(clock, now_ns)
+            state = 'paused' if clock.paused else 'resumed'
+            self.get_logger().info(f'{state} at {clock.position_ns(now_ns) / NS_PER_S:.3f} s')
 
     def _pressed(self, wait_s):
         """Return the next key, '' for none within `wait_s`; None waits without limit."""
@@ -160,21 +165,6 @@ class PlayerNode(Node):
             return self.keys.get(timeout=wait_s)
         except Empty:
             return ''
-
-    def _log_position(self, clock, now_ns):
-        position = f'{clock.position_ns(now_ns) / NS_PER_S:.3f} s'
-        self.get_logger().info(
-            f'paused at {position}' if clock.paused else f'resumed at {position}'
-        )
-
-    def _report(self, late_ns):
-        text = f'played {len(self.playlist.payloads)} messages'
-        if late_ns:
-            p50, p99, most = np.percentile(late_ns, [50, 99, 100]) / NS_PER_MS
-            text += f', late by {p50:.2f} ms (median), {p99:.2f} ms (p99), {most:.2f} ms (max)'
-        self.get_logger().info(text)
-        if self.bag.damage:
-            self.get_logger().warning(self.bag.damage)
 
     def close(self):
         """Stop publishing, restore the terminal."""
@@ -206,8 +196,7 @@ def main() -> int:
     """Play until the end, SIGINT, SIGTERM or the key q; exit code 0."""
     about = 'Play a bag: publish its messages at the rate at which they were recorded.'
     example = '--ros-args -p bag:=bags/runs/double_lane_change/mpcc -p rate:=0.5'
-    help_node.parse(help_node.parser(about, example))
-    return spin_node.spin(PlayerNode)
+    return spin_node.run(PlayerNode, about, example)
 
 
 if __name__ == '__main__':

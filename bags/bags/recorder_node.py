@@ -23,7 +23,6 @@ from bags.storage.message_filing import (
     CLOCK,
     LOCKSTEP,
     ClockError,
-    ClockQueue,
     Filing,
     RecorderParams,
     SimulatedTime,
@@ -33,7 +32,7 @@ from bags.storage.message_loss import LOSS_RECORD, RecordingHealth, loss_record
 from msgs_yaml import contract, encode, share
 from msgs_yaml.contract import Topic
 from msgs_yaml.conversions import NS_PER_S
-from node_runtime import help_node, provenance, ros, spin_node
+from node_runtime import provenance, ros, spin_node
 from node_runtime.managed_node import ManagedNode
 from node_runtime.parameters import ParameterError
 
@@ -68,10 +67,7 @@ class RecorderNode(ManagedNode):
 
     def configure(self):
         """Create the bag, and subscribe."""
-        self.clock_queue = ClockQueue(
-            lambda: _arrived(self.inlets[CLOCK]), lambda stamp_ns: self.time.advance(stamp_ns)
-        )
-        self.time = SimulatedTime(self.clock_queue.listen)
+        self.time = SimulatedTime(lambda: _arrived(self.inlets[CLOCK]))
         self.bag, self.filings = self._open(ros.mode(self))
         # a second node without an executor: only `drain` takes its messages
         self.inbox = ros.polled_node(self, f'{self.get_name()}_inbox')
@@ -106,38 +102,34 @@ class RecorderNode(ManagedNode):
         self.topics = recorded_topics()
         topics = [bag_topic(topic, mode) for topic in self.topics.values()]
         split = Split(round(self.params.split_mb * MB), round(self.params.split_s * NS_PER_S))
-        try:
-            info = run_info(self.params.run_info, mode)
-            records = {'run': {**info, NAMESPACE: self.get_namespace()}}
-            folder = self._new_folder()
-            bag = BagWriter(folder, topics, records, split)
-            self.folders.add(folder)
-        except BagError as error:
-            raise ParameterError(f'out: {error}') from error
-        publishers = [topic.publisher for topic in self.topics.values()]
-        clock_publisher = contract.load().topics[CLOCK].publisher
-        filings = [
-            Filing(
-                topic,
-                mode,
-                partial(bag.write, k),
-                publisher != ANY,
-                self.time,
-                publisher == clock_publisher,
-            )
-            for k, (topic, publisher) in enumerate(zip(topics, publishers))
-        ]
-        return bag, filings
-
-    def _new_folder(self):
-        """Return the folder of the next bag: after DIR of this node DIR_2, DIR_3, ..."""
         out = folder = self.params.out
         if not out:
             raise ParameterError('out: is missing; it names the folder to create for the bag')
+        # another bag of this node is beside the first
         numbers = count(2)
         while folder in self.folders and Path(folder).exists():
             folder = f'{out}_{next(numbers)}'
-        return folder
+        try:
+            info = run_info(self.params.run_info, mode)
+            bag = BagWriter(
+                folder, topics, {'run': {**info, NAMESPACE: self.get_namespace()}}, split
+            )
+        except BagError as error:
+            raise ParameterError(f'out: {error}') from error
+        self.folders.add(folder)
+        clock_publisher = contract.load().topics[CLOCK].publisher
+        filings = [
+            Filing(
+                described,
+                mode,
+                partial(bag.write, k),
+                topic.publisher != ANY,
+                self.time,
+                topic.publisher == clock_publisher,
+            )
+            for k, (described, topic) in enumerate(zip(topics, self.topics.values()))
+        ]
+        return bag, filings
 
     def _subscribe(self, topic):
         """Subscribe with a queue that drops no message."""
@@ -155,13 +147,22 @@ class RecorderNode(ManagedNode):
         if self.is_active:
             self._guard(self._file_arrived)
         elif self.bag is not None:
-            self._discard()
+            # a queue that is full would block its publisher
+            for subscription, filing in zip(self.inlets.values(), self.filings):
+                for _ in _arrived(subscription):
+                    filing.pass_over()
         if self.stopping:
             spin_node.finish(self, self.exit_code)
 
     def _file_arrived(self):
         if self.drain():
-            self.log_received_topics()
+            losses = self.contract_losses().items()
+            received = {name for name, counts in losses if counts.received}
+            if received > self.received:
+                # each topic once, when its first message is filed
+                new = ', '.join(sorted(received - self.received))
+                self.get_logger().info(f'hears {new}')
+                self.received = received
             self.warn_of_misdated()
         if time.monotonic() >= self.next_chunk:
             self.bag.flush()
@@ -185,7 +186,7 @@ class RecorderNode(ManagedNode):
         """File every message that has arrived; return how many there were."""
         taken = 0
         for (topic, subscription), filing in zip(self.inlets.items(), self.filings):
-            arrived = self.clock_queue.take() if topic == CLOCK else _arrived(subscription)
+            arrived = self.time.take() if topic == CLOCK else _arrived(subscription)
             for message in arrived:
                 filing.file(*message)
                 taken += 1
@@ -199,13 +200,6 @@ class RecorderNode(ManagedNode):
         """Return those of the topics of the contract, which a run consists of."""
         losses = self.losses()
         return {name: losses[name] for name in contract.load().topics}
-
-    def log_received_topics(self):
-        """Log each topic once, when its first message is filed."""
-        received = {name for name, losses in self.contract_losses().items() if losses.received}
-        if received > self.received:
-            self.get_logger().info(f'hears {", ".join(sorted(received - self.received))}')
-            self.received = received
 
     def warn_of_misdated(self):
         """Warn once per topic of a message whose log time differs from its stamp."""
@@ -236,12 +230,6 @@ class RecorderNode(ManagedNode):
         if self.inbox:
             self.inbox.destroy_node()
         super().destroy_node()
-
-    def _discard(self):
-        """Drop what has arrived: a queue that is full would block its publisher."""
-        for subscription, filing in zip(self.inlets.values(), self.filings):
-            for _ in _arrived(subscription):
-                filing.pass_over()
 
     def _drain_to_the_end(self):
         end = time.monotonic() + LONGEST_END_S
@@ -322,8 +310,7 @@ def run_info(path: str, mode: str) -> dict[str, str]:
 def main() -> int:
     """Record until SIGINT or SIGTERM; exit code 1 when the disk failed."""
     about = 'Record every topic of a run into a bag, until SIGINT or SIGTERM.'
-    help_node.parse(help_node.parser(about, '--ros-args -p out:=my_bag -p mode:=realtime'))
-    return spin_node.spin(RecorderNode)
+    return spin_node.run(RecorderNode, about, '--ros-args -p out:=my_bag -p mode:=realtime')
 
 
 if __name__ == '__main__':

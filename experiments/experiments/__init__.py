@@ -35,21 +35,27 @@ In Python:
     result.frame('/vehicle/odometry')
 """
 
-from typing import TYPE_CHECKING
-
-from node_runtime.lazy_names import lazy_names
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bags.analysis.run_set import compare
+    from bags.run_set import compare
     from experiments.scripting import drive, drive_many
 
 __all__ = ['compare', 'drive', 'drive_many']
 # imported when they are first used
-__getattr__, __dir__ = lazy_names(
-    __name__,
-    {
-        'compare': 'bags.analysis.run_set',
-        'drive': 'experiments.scripting',
-        'drive_many': 'experiments.scripting',
-    },
-)
+_MODULES = {
+    'compare': 'bags.run_set',
+    'drive': 'experiments.scripting',
+    'drive_many': 'experiments.scripting',
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    return getattr(import_module(_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_MODULES})

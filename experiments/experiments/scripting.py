@@ -25,10 +25,9 @@ from typing import Any, get_args
 import numpy as np
 import yaml
 
-from bags.analysis import run as runs
-from bags.analysis.run import Origin, Run
-from bags.analysis.run_set import RunSet
 from bags.errors import BagError
+from bags.run import Run
+from bags.run_set import RunSet
 from bags.storage.columns import Columns
 from experiments import simulation
 from experiments.batch.drive_plan import CHANGES, PLANT_FILE
@@ -148,8 +147,8 @@ class _Task:
         """Return the run of the columns that the simulation gave."""
         setup = self.setup
         source = f'{setup.controller} in {setup.scn.name}'
-        origin = Origin(source, simulation.run_info(setup), self.settings)
-        return runs.from_tables(columns, origin, label)
+        info = simulation.run_info(setup)
+        return Run(columns, source, info, label, self.settings)
 
 
 def _check_problems(tasks: Iterable[_Task]) -> None:

@@ -206,28 +206,29 @@ def build_columns(
     states = track.state_columns()
     odometry = states._replace(psi=conversions.headings_as_received(states.psi))
     tables = {
-        '/vehicle/odometry': (columns.Odometry, odometry),
-        '/vehicle/actuators': (columns.Actuators, track.actuator_columns()),
-        '/vehicle/imu': (columns.Imu, slow.imu_columns()),
-        '/vehicle/wheels': (columns.Wheels, slow.wheel_columns()),
-        '/controller/command': (columns.Command, tuple(map(np.array, zip(*commands)))),
+        '/vehicle/odometry': odometry,
+        '/vehicle/actuators': track.actuator_columns(),
+        '/vehicle/imu': slow.imu_columns(),
+        '/vehicle/wheels': slow.wheel_columns(),
+        '/controller/command': tuple(map(np.array, zip(*commands))),
     }
     return {
-        **{topic: _table(kind, fields, zero_ns) for topic, (kind, fields) in tables.items()},
+        **{topic: _table(topic, fields, zero_ns) for topic, fields in tables.items()},
         **{topic: _values(rows, zero_ns) for topic, rows in values.items()},
     }
 
 
-def _table(kind, fields, zero_ns):
+def _table(topic, fields, zero_ns):
     """Return a table; fields of messages and columns after the time have the same order."""
     stamp_ns, *values = fields
     values = [np.ascontiguousarray(column, float) for column in values]
-    return kind(np.asarray(stamp_ns, np.int64), _seconds(stamp_ns, zero_ns), *values)
+    named = dict(zip(columns.names(topic)[2:], values, strict=True))
+    return Columns(np.asarray(stamp_ns, np.int64), _seconds(stamp_ns, zero_ns), **named)
 
 
 def _values(rows, zero_ns):
     stamp_ns = np.array([row.stamp_ns for row in rows], dtype=np.int64)
-    return columns.Values(stamp_ns, _seconds(stamp_ns, zero_ns), tuple(rows))
+    return Columns(stamp_ns, _seconds(stamp_ns, zero_ns), values=tuple(rows))
 
 
 def _seconds(stamp_ns, zero_ns):

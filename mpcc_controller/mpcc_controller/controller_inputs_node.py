@@ -9,7 +9,7 @@ from rclpy.node import Node
 
 from mpcc_controller import minimum_speed
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.tick import unknown_state
+from mpcc_controller.driving.records import unknown_state
 from mpcc_controller.driving.trigger import LockstepTrigger, RealtimeTrigger
 from mpcc_controller.driving.watchdog import (
     EDGES,

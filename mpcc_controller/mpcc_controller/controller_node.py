@@ -14,13 +14,14 @@ from mpcc_controller import car_file, minimum_speed, run_time_parameters
 from mpcc_controller.controller_inputs_node import ACTUATORS, ControllerInputs
 from mpcc_controller.driving import trigger, watchdog
 from mpcc_controller.driving.actuator_monitor import FAULT
-from mpcc_controller.driving.controller import TOO_SLOW, Controller
-from mpcc_controller.driving.tick import Arrival, TickInputs, unknown_state
+from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.records import Arrival, TickInputs, unknown_state
+from mpcc_controller.driving.tick import TOO_SLOW
 from mpcc_controller.driving.tick_report import LEFT_OUT, OK
 from mpcc_controller.driving.watchdog import STATE_STALE, HealthMonitor
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import conversions, decode, encode, share
-from node_runtime import help_node, parameters, ros, scheduling, spin_node
+from node_runtime import parameters, ros, scheduling, spin_node
 from node_runtime.clocks import SteadyClock
 from node_runtime.log_filters import ChangeFilter
 from node_runtime.managed_node import ManagedNode
@@ -305,7 +306,7 @@ class ControllerNode(ManagedNode):
             text = f'{left_out} obstacles are left out: max_obstacles is {most}, the closest count'
             self.get_logger().warning(text)
         if self.actuators_log.has_changed(why.values.get(FAULT, '')):
-            self.get_logger().warning(self.controller.actuators.describe())
+            self.get_logger().warning(self.controller.memory.actuators.describe())
         if why.level != OK:
             self.get_logger().warning(why.message, throttle_duration_sec=THROTTLE_S)
 
@@ -388,8 +389,7 @@ def main(config: str = MPCC_CONFIG) -> None:
     """Run a controller node until it is stopped; exit with its code."""
     about = f'Answer every state of the car with a command; defaults from config/{config}.'
     example = '--ros-args -p mode:=realtime -p weights.lag:=10.0'
-    help_node.parse(help_node.parser(about, example))
-    sys.exit(spin_node.spin(lambda: ControllerNode(config)))
+    sys.exit(spin_node.run(lambda: ControllerNode(config), about, example))
 
 
 def mpcc_main() -> None:

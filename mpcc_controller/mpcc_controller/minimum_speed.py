@@ -70,7 +70,7 @@ def describe_raised(params: ControllerParams, vehicle: CarParams) -> str:
     why = f'below it steps of {params.model.step_s:g} s are unstable on the tyres of the car'
     if stable > least:
         return f'limits.least_speed_mps is {stable:g} instead of {least:g}: {why}'
-    kinematic = getattr(stage_parameters.car(params, vehicle), 'kinematic', 0.0)
+    kinematic = stage_parameters.car(params, vehicle).kinematic_below
     if kinematic > single_track.BLEND_FROM_MPS:
         return f'the prediction is kinematic up to {kinematic:g} m/s: {why}'
     return ''

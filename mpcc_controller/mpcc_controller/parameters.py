@@ -13,6 +13,7 @@ FORMULATIONS = {
     'tracking': f'{PROBLEMS}.tracking_formulation:TrackingFormulation',
 }
 PROJECTED, INTEGRATED = 'projected', 'integrated'  # values of model.theta
+CONVERGED, ONE_STEP = 'converged', 'one_step'  # of solver.mode
 FREE, FIXED = 'free', 'fixed'  # of formulation.brake_split
 FROZEN, REFRESHED = 'frozen', 'refreshed'  # of surroundings.arcs
 
@@ -165,8 +166,7 @@ class Surroundings(Struct):
 class Solver(Struct):
     """How the problem is solved."""
 
-    name: Annotated[str, Choice('fatrop', 'ipopt', 'riccati')]
-    mode: Annotated[str, Choice('converged', 'one_step')]  # one_step: riccati only
+    mode: Annotated[str, Choice(CONVERGED, ONE_STEP)]
     one_step_residual: Annotated[float, Range(0.0, 1.0, 'primal, in the units of the solver')]
     one_step_decrease: Annotated[float, Range(0.0, 1e3, 'share of the cost that a step promises')]
     prepare: bool  # solve the expected next problem after each command
@@ -174,9 +174,7 @@ class Solver(Struct):
     # of the optimality conditions, in solver units
     tolerance: Annotated[float, Range(1e-12, 1e-1, '-')]
     time_limit_s: Annotated[float, Range(1e-3, 10.0, 's, realtime only')]
-    compiled: bool
-    fallback: Annotated[str, Choice('none', 'fatrop', 'ipopt')]  # none, too, when it is `name`
-    fallback_limit_s: Annotated[float, Range(1e-3, 10.0, 's, both solvers together, realtime only')]
+    patience_s: Annotated[float, Range(1e-3, 10.0, 's, to wait for other plans, realtime only')]
 
 
 class Delay(Struct):

@@ -2,7 +2,7 @@
 
 Contract
     contract       topics.yaml: type, rate, frame, QoS, fields with unit and range of every topic
-    conformance    check a message against the contract
+    conformance    check messages against the contract, as objects and as arrays
     field_paths    field paths such as `poses[*].pose.position.x`
 Values and messages
     types          the values of every topic as named tuples
@@ -13,7 +13,7 @@ Values and messages
     raw_scenario   serialised path and road edges -> value, fast
     conversions    time stamps, headings, diagnostic values
 Files
-    strict_yaml    YAML whose errors name file, line and key
+    strict_yaml    YAML as typed values of a schema; errors name file, line and key
     missing_file   what is there in place of a file that is not
     share          data files and programs of the packages
 """

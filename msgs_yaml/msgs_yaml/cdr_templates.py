@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from msgs_yaml import contract, conversions, flat_fields
+from msgs_yaml import conformance, contract, conversions, flat_fields
 from msgs_yaml.contract import Topic
 from msgs_yaml.conversions import NS_PER_S
-from msgs_yaml.decode import UNIT_TOLERANCE
 
 ENCAPSULATION = b'\x00\x01\x00\x00'
 STAMP = struct.Struct('<iI')
@@ -39,7 +38,7 @@ class Template:
         self._fields = flat_fields.load(topic)
         described = contract.load().topics[topic]
         writer = _Writer(described)
-        _LAYOUTS[described.type](writer, described)
+        _write(writer, described)
         self._buffer = writer.buffer
         offsets = [writer.offsets[path] for path in self._fields.paths]
         order = sorted(range(len(offsets)), key=offsets.__getitem__)
@@ -48,9 +47,7 @@ class Template:
         self._runs = [(form.pack_into, offset, part) for form, offset, part in runs]
         self._reads = [(form.unpack_from, offset) for form, offset, _ in runs]
         self._unsort = itemgetter(*sorted(range(len(order)), key=order.__getitem__))
-        ranges = [described.fields[path] for path in self._fields.paths]
-        self._unit = [i for i, path in enumerate(self._fields.paths) if '.orientation.' in path]
-        self._ranges = [(field.low, field.high) for field in ranges]
+        self._obey = conformance.number_check(topic, self._fields.paths)
         variable = [(STAMP_OFFSET, STAMP.size), *((begin, _FLOAT64_BYTES) for begin in offsets)]
         constant = np.ones(len(self._buffer), bool)
         for begin, size in variable:
@@ -83,12 +80,7 @@ class Template:
             return None
         in_order = [x for unpack, offset in self._reads for x in unpack(raw, offset)]
         numbers = self._unsort(in_order)
-        # "not" also rejects NaN
-        if not all(low <= x <= high for x, (low, high) in zip(numbers, self._ranges)):
-            return None
-        if self._unit and abs(sum(numbers[i] ** 2 for i in self._unit) - 1.0) > UNIT_TOLERANCE:
-            return None
-        return self._fields.join_numbers(stamp_ns, numbers)
+        return self._fields.join_numbers(stamp_ns, numbers) if self._obey(numbers) else None
 
 
 def _runs(offsets, buffer):
@@ -142,36 +134,26 @@ class _Writer:
         self.buffer += bytes(-(len(self.buffer) - len(ENCAPSULATION)) % size)
 
 
-def _odometry(writer: _Writer, topic: Topic) -> None:
-    writer.text(topic.child_frame)
-    writer.numbers('pose.pose.position.{}', 'xyz')
-    writer.numbers('pose.pose.orientation.{}', 'xyzw')
-    writer.constants(_COVARIANCE_6D)
-    writer.numbers('twist.twist.linear.{}', 'xyz')
-    writer.numbers('twist.twist.angular.{}', 'xyz')
-    writer.constants(_COVARIANCE_6D)
-
-
-def _imu(writer: _Writer, _: Topic) -> None:
-    writer.constants(_IDENTITY)
-    writer.constants(_NO_ORIENTATION)
-    writer.numbers('angular_velocity.{}', 'xyz')
-    writer.constants(_COVARIANCE_3D)
-    writer.numbers('linear_acceleration.{}', 'xyz')
-    writer.constants(_COVARIANCE_3D)
-
-
-def _joint_state(writer: _Writer, topic: Topic) -> None:
-    writer.count(len(topic.joints))
-    for name in topic.joints:
-        writer.text(name)
-    for array in contract.JOINT_ARRAYS:
+def _write(writer: _Writer, topic: Topic) -> None:
+    if topic.type == 'nav_msgs/msg/Odometry':
+        writer.text(topic.child_frame)
+        writer.numbers('pose.pose.position.{}', 'xyz')
+        writer.numbers('pose.pose.orientation.{}', 'xyzw')
+        writer.constants(_COVARIANCE_6D)
+        writer.numbers('twist.twist.linear.{}', 'xyz')
+        writer.numbers('twist.twist.angular.{}', 'xyz')
+        writer.constants(_COVARIANCE_6D)
+    elif topic.type == 'sensor_msgs/msg/Imu':
+        writer.constants(_IDENTITY)
+        writer.constants(_NO_ORIENTATION)
+        writer.numbers('angular_velocity.{}', 'xyz')
+        writer.constants(_COVARIANCE_3D)
+        writer.numbers('linear_acceleration.{}', 'xyz')
+        writer.constants(_COVARIANCE_3D)
+    else:  # JointState
         writer.count(len(topic.joints))
-        writer.numbers(array + '[{}]', topic.joints)
-
-
-_LAYOUTS = {
-    'nav_msgs/msg/Odometry': _odometry,
-    'sensor_msgs/msg/Imu': _imu,
-    'sensor_msgs/msg/JointState': _joint_state,
-}
+        for name in topic.joints:
+            writer.text(name)
+        for array in contract.JOINT_ARRAYS:
+            writer.count(len(topic.joints))
+            writer.numbers(array + '[{}]', topic.joints)

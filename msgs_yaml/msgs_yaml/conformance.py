@@ -1,19 +1,26 @@
-"""Check a message against the contract: sizes, names, frames, stamps and ranges. Fast, no ROS.
+"""Check messages against the contract: sizes, names, frames, stamps, ranges and turns. No ROS.
 
-Works on messages of rclpy, rosbags and mcap_ros2 alike. Each check is a function of a message that
-returns its violations; what depends on the topic only is computed once, when the check is built.
+check, check_form   one message of rclpy, rosbags or mcap_ros2, with the reason of every violation
+obeys               the numbers of many messages, or of many elements of one, as arrays
+number_check        the numbers of a message of fixed size, without the message
+
+What depends on the topic only is computed once, when its first message is checked.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
-from functools import cache, lru_cache, partial
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from msgs_yaml import contract, conversions, field_paths
 from msgs_yaml.contract import JOINT_ARRAYS, WORD, Field
 
+UNIT_TOLERANCE = 1e-3  # of the squared length of a quaternion
 POSE_HEADERS = 'poses[*].header'
+ORIENTATION = '.orientation'
 _HEADERS = {
     'nav_msgs/msg/Path': ('header', POSE_HEADERS),
     'visualization_msgs/msg/MarkerArray': ('markers[*].header',),
@@ -35,15 +42,12 @@ class Violation(NamedTuple):
         return f'{self.topic}: {self.field} is {self.value}; allowed {self.allowed}'
 
 
-Check = Callable[[Any], list[Violation]]
-
-
 def check(topic: str, message: Any) -> list[Violation]:
     """Return every violation of the contract in a message of a topic.
 
     Raises KeyError for a topic that is not in the contract.
     """
-    return check_form(topic, message) or _run(_checks(topic).fields, message)
+    return check_form(topic, message) or [*_checks(topic).numbers(message)]
 
 
 def check_form(topic: str, message: Any) -> list[Violation]:
@@ -52,138 +56,145 @@ def check_form(topic: str, message: Any) -> list[Violation]:
     If a size is wrong, nothing else is checked: an absurdly long message costs no time.
     """
     checks = _checks(topic)
-    for check_size in checks.sizes:
-        violations = check_size(message)
-        if violations:
-            return violations
-    return _run(checks.form, message)
+    wrong_size = next(checks.sizes(message), None)
+    return [wrong_size] if wrong_size else [*checks.headers(message)]
 
 
-class _Checks(NamedTuple):
-    sizes: list[Check]
-    form: list[Check]
-    fields: list[Check]
+def obeys(topic: str, numbers: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return for each of n rows whether its numbers are in their ranges, and its pose is turned.
+
+    `numbers` are columns (n,) by their path in the contract. NaN is in no range.
+    """
+    fields = contract.load().topics[topic].fields
+    valid = np.ones(len(next(iter(numbers.values()))), bool)
+    for path, column in numbers.items():
+        valid &= (fields[path].low <= column) & (column <= fields[path].high)
+        if path.endswith(f'{ORIENTATION}.w'):
+            square = sum(numbers[f'{path[:-1]}{axis}'] ** 2 for axis in 'xyzw')
+            valid &= np.abs(square - 1.0) <= UNIT_TOLERANCE
+    return valid
 
 
-def _run(checks, message):
-    return [violation for rule in checks for violation in rule(message)]
+def number_check(topic: str, paths: Sequence[str]) -> Callable[[Sequence[float]], bool]:
+    """Return a function that says whether numbers, one per path, are as `obeys` wants them.
+
+    Components of an orientation without a path are 0.
+    """
+    fields = contract.load().topics[topic].fields
+    ranges = [(fields[path].low, fields[path].high) for path in paths]
+    turn = [i for i, path in enumerate(paths) if f'{ORIENTATION}.' in path]
+
+    def obey(numbers):
+        if not all(low <= x <= high for x, (low, high) in zip(numbers, ranges)):
+            return False
+        return not turn or abs(sum(numbers[i] ** 2 for i in turn) - 1.0) <= UNIT_TOLERANCE
+
+    return obey
 
 
 @cache
 def _checks(name):
-    topic = contract.load().topics[name]
-    # outer arrays before the arrays inside them
-    sizes = [partial(_size, topic, p, field_paths.getter(p)) for p in sorted(topic.sizes, key=len)]
-    headers = _HEADERS.get(topic.type, ('header',))
-    form = [partial(_header, topic, path, field_paths.getter(path)) for path in headers]
-    if topic.child_frame is not None:
-        form.append(partial(_child_frame, topic))
-    if topic.type == contract.DIAGNOSTICS:
-        return _Checks(sizes, form, [_diagnostic_values(topic)])
-    make_getter = partial(_joint_getter, topic) if topic.joints else field_paths.getter
-    fields = [partial(_range, topic, path, make_getter(path)) for path in topic.fields]
-    if topic.joints:
-        sizes.append(partial(_joint_names, topic, list(topic.joints)))
-        fields.insert(0, partial(_finite_joints, topic))
-    return _Checks(sizes, form, fields)
+    return _Checks(name)
 
 
-def _size(topic, path, get, message):
-    """Check the lengths of the arrays a path leads to."""
-    limit = topic.sizes[path]
-    outside = [n for n in map(len, get(message)) if not limit.low <= n <= limit.high]
-    allowed = f'{limit.low} to {limit.high} elements'
-    return [Violation(topic.name, path, f'{n} long', allowed) for n in outside]
+class _Checks:
+    """The checks of one topic; each yields the violations of a message."""
 
+    def __init__(self, name):
+        self._topic = topic = contract.load().topics[name]
+        self._joints = topic.joints
+        # outer arrays before the arrays inside them
+        sizes = sorted(topic.sizes.items(), key=lambda item: len(item[0]))
+        self._sizes = [(path, size, field_paths.getter(path)) for path, size in sizes]
+        paths = _HEADERS.get(topic.type, ('header',))
+        self._headers = [(path, field_paths.getter(path)) for path in paths]
+        fields = {} if topic.type == contract.DIAGNOSTICS else topic.fields
+        self._fields = [(path, field, self._getter(path)) for path, field in fields.items()]
+        turns = [path[:-2] for path in fields if path.endswith(f'{ORIENTATION}.w')]
+        self._turns = [(path, field_paths.getter(path)) for path in turns]
+        self._patterns = {}  # of the keys of diagnostics
+        if topic.type == contract.DIAGNOSTICS:
+            self._patterns = {field_paths.parse(path)[1].selector: path for path in topic.fields}
+        self._path_of_key = lru_cache(_CACHED_KEYS)(self._match_key)
 
-def _joint_names(topic, names, message):
-    """Check the names of a JointState, and that every array has one number per name."""
-    if len(message.name) != len(names) or list(message.name) != names:
-        given = f'{len(message.name)} long: {", ".join(message.name[: len(names)])}'
-        return [Violation(topic.name, 'name', given, ', '.join(names))]
-    lengths = {array: len(getattr(message, array)) for array in JOINT_ARRAYS}
-    return [
-        Violation(topic.name, array, f'{length} long', f'{len(names)} elements')
-        for array, length in lengths.items()
-        if length != len(names)
-    ]
+    def _getter(self, path):
+        if not self._joints:
+            return field_paths.getter(path)
+        (step,) = field_paths.parse(path)
+        index = self._joints.index(step.selector)
+        return lambda message: (getattr(message, step.attribute)[index],)
 
+    def _match_key(self, key):
+        patterns = self._patterns.items()
+        return next((path for pattern, path in patterns if fnmatchcase(key, pattern)), None)
 
-def _finite_joints(topic, message):
-    """Check the unused numbers of a JointState too: NaN in them disturbs plots and viewers."""
-    return [
-        Violation(topic.name, array, 'not finite', 'finite numbers')
-        for array in JOINT_ARRAYS
-        if not all(map(math.isfinite, getattr(message, array)))
-    ]
+    def _violation(self, path, value, allowed):
+        return Violation(self._topic.name, path, value, allowed)
 
+    def sizes(self, message) -> Iterator[Violation]:
+        """Check the lengths of arrays, and the names of a JointState."""
+        for path, (low, high), get in self._sizes:
+            for length in map(len, get(message)):
+                if not low <= length <= high:
+                    yield self._violation(path, f'{length} long', f'{low} to {high} elements')
+        joints = self._joints
+        if joints and (len(message.name) != len(joints) or tuple(message.name) != joints):
+            given = f'{len(message.name)} long: {", ".join(message.name[: len(joints)])}'
+            yield self._violation('name', given, ', '.join(joints))
+        for array in JOINT_ARRAYS if joints else ():
+            length = len(getattr(message, array))
+            if length != len(joints):
+                yield self._violation(array, f'{length} long', f'{len(joints)} elements')
 
-def _header(topic, path, get, message):
-    """Check frame and stamp of the headers a path leads to; ROS reads a stamp of 0 as no time.
+    def headers(self, message) -> Iterator[Violation]:
+        """Check frames and stamps; ROS reads a stamp of 0 as no time.
 
-    The poses of a planner may leave both out: the frame is then that of the message.
-    """
-    violations, is_pose = [], path == POSE_HEADERS
-    for header in get(message):
-        if header.frame_id != topic.frame and not (is_pose and not header.frame_id):
-            frames = repr(header.frame_id), repr(topic.frame)
-            violations.append(Violation(topic.name, f'{path}.frame_id', *frames))
-        is_zero = header.stamp.sec == 0 == header.stamp.nanosec
-        if header.stamp.sec < 0 or (is_zero and not is_pose):
-            stamp = f'{header.stamp.sec}.{header.stamp.nanosec:09d} s'
-            violations.append(Violation(topic.name, f'{path}.stamp', stamp, 'above 0 s'))
-    return violations
+        The poses of a planner may leave both out: the frame is then that of the message.
+        """
+        frame = self._topic.frame
+        for path, get in self._headers:
+            is_pose = path == POSE_HEADERS
+            for header in get(message):
+                if header.frame_id != frame and not (is_pose and not header.frame_id):
+                    yield self._violation(f'{path}.frame_id', repr(header.frame_id), repr(frame))
+                is_zero = header.stamp.sec == 0 == header.stamp.nanosec
+                if header.stamp.sec < 0 or (is_zero and not is_pose):
+                    stamp = f'{header.stamp.sec}.{header.stamp.nanosec:09d} s'
+                    yield self._violation(f'{path}.stamp', stamp, 'above 0 s')
+        child = self._topic.child_frame
+        if child is not None and message.child_frame_id != child:
+            yield self._violation('child_frame_id', repr(message.child_frame_id), repr(child))
 
+    def numbers(self, message) -> Iterator[Violation]:
+        """Check the range of every number, NaN is in none, and that orientations are turns."""
+        # the unused numbers of a JointState too: NaN in them disturbs plots and viewers
+        for array in JOINT_ARRAYS if self._joints else ():
+            if not all(map(math.isfinite, getattr(message, array))):
+                yield self._violation(array, 'not finite', 'finite numbers')
+        for path, field, get in self._fields:
+            low, high = field.low, field.high
+            outside = [value for value in get(message) if not low <= value <= high]
+            if outside:
+                yield self._out_of_range(path, field, outside[0])
+        for path, get in self._turns:
+            for q in get(message):
+                square = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
+                if not abs(square - 1.0) <= UNIT_TOLERANCE:
+                    yield self._violation(path, f'of squared length {square:g}', 'length 1')
+                    break
+        for status in message.status if self._patterns else ():
+            for pair in status.values:
+                path = self._path_of_key(pair.key)
+                if path is None:
+                    yield self._violation(f'key {pair.key!r}', 'unknown', 'the keys of topics.yaml')
+                    continue
+                field, value = self._topic.fields[path], conversions.text_to_value(pair.value)
+                if field.unit == WORD or (
+                    not isinstance(value, str) and field.low <= value <= field.high
+                ):
+                    continue
+                yield self._out_of_range(pair.key, field, value)
 
-def _child_frame(topic, message):
-    """Check the child frame of an Odometry."""
-    frame = message.child_frame_id
-    if frame == topic.child_frame:
-        return []
-    return [Violation(topic.name, 'child_frame_id', repr(frame), repr(topic.child_frame))]
-
-
-def _range(topic, path, get, message):
-    """Check the range of every number a path leads to; NaN is in no range."""
-    field = topic.fields[path]
-    low, high = field.low, field.high
-    outside = [value for value in get(message) if not low <= value <= high]
-    return [_out_of_range(topic, path, field, outside[0])] if outside else outside
-
-
-def _joint_getter(topic, path):
-    (step,) = field_paths.parse(path)
-    index = topic.joints.index(step.selector)
-    return lambda message: (getattr(message, step.attribute)[index],)
-
-
-def _diagnostic_values(topic) -> Check:
-    """Check keys and numbers of every KeyValue of a DiagnosticArray."""
-    patterns = {field_paths.parse(path)[1].selector: path for path in topic.fields}
-
-    @lru_cache(_CACHED_KEYS)
-    def path_of(key):
-        return next((p for pattern, p in patterns.items() if fnmatchcase(key, pattern)), None)
-
-    def run(message):
-        pairs = [pair for status in message.status for pair in status.values]
-        return [v for pair in pairs for v in _check_pair(topic, path_of(pair.key), pair)]
-
-    return run
-
-
-def _check_pair(topic, path, pair):
-    if path is None:
-        return [Violation(topic.name, f'key {pair.key!r}', 'unknown', 'the keys of topics.yaml')]
-    field = topic.fields[path]
-    if field.unit == WORD:
-        return []
-    value = conversions.text_to_value(pair.value)
-    if not isinstance(value, str) and field.low <= value <= field.high:
-        return []
-    return [_out_of_range(topic, pair.key, field, value)]
-
-
-def _out_of_range(topic, path, field: Field, value):
-    allowed = f'{field.low:g} to {field.high:g} {field.unit}'
-    return Violation(topic.name, f'{path} ({field.symbol})', value, allowed)
+    def _out_of_range(self, path, field: Field, value):
+        allowed = f'{field.low:g} to {field.high:g} {field.unit}'
+        return self._violation(f'{path} ({field.symbol})', value, allowed)

@@ -4,13 +4,24 @@ The format is described at the top of topics.yaml. No ROS is needed to read it.
 """
 
 import re
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from functools import cache
+from math import inf
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 from msgs_yaml import field_paths, share
-from msgs_yaml.strict_yaml import Item, YamlError, read
+from msgs_yaml.strict_yaml import (
+    Choice,
+    Leaf,
+    Pattern,
+    Range,
+    Struct,
+    YamlError,
+    parse_value,
+    read,
+)
 
 MODES = LOCKSTEP, REALTIME = ('lockstep', 'realtime')
 TYPES = (
@@ -35,30 +46,47 @@ UNITS = ('m', 'm/s', 'm/s^2', 'rad', 'rad/s', 'N', 'N/s', 'N m', 's', 'ms', 'ns'
 WORD = 'word'
 ContractError = YamlError
 _TOPIC_NAME = re.compile(r'(/[a-z][a-z0-9_]*)+')
+_Text = Annotated[str, Pattern(r'(?s).*\S.*', 'a text that is not empty')]
+_Rate = Annotated[float, Range(0.0, 1e4, 'Hz')]
+_Number = Annotated[float, Range(-inf, inf, '-')]
+_Count = Annotated[int, Range(0, 10**9, 'elements')]
+_Fault = Iterator[tuple[tuple[str, ...], str]]  # of a block: keys that lead to it, what is wrong
 
 
-@dataclass(frozen=True)
-class Qos:
+class Qos(Struct):
     """Quality of service of a topic in one mode."""
 
-    name: str
-    reliability: str  # reliable | best_effort
-    durability: str  # volatile | transient_local
-    history: str  # keep_all | keep_last
-    depth: int  # messages kept; 0 with keep_all
-    deadline_ms: float | None
+    reliability: Literal['reliable', 'best_effort']
+    durability: Literal['volatile', 'transient_local']
+    history: Literal['keep_all', 'keep_last']
+    depth: Annotated[int, Range(1, 10**6, 'messages')] = 0  # messages kept; 0 with keep_all
+    deadline_ms: Annotated[float, Range(1e-3, 1e6, 'ms')] | None = None
+
+    def faults(self) -> _Fault:
+        """Yield what is wrong beyond the single fields."""
+        if (self.history == 'keep_last') != bool(self.depth):
+            yield (), 'depth belongs to keep_last, and keep_last needs it'
 
 
-@dataclass(frozen=True)
-class Field:
+class Field(Struct):
     """One number of a message: its symbol, unit and allowed range, bounds included."""
 
-    symbol: str
-    unit: str
-    low: float
-    high: float
-    value: str = ''  # field of the named tuple in `types`; '' without a column
-    column: str = ''  # in the table of a recording
+    symbol: _Text
+    unit: Literal[UNITS]
+    low: _Number | None
+    high: _Number | None
+    value: _Text = ''  # field of the named tuple in `types`; by default the symbol
+    column: _Text = ''  # in the table of a recording
+
+    def faults(self) -> _Fault:
+        """Yield what is wrong beyond the single fields."""
+        for name in ('low', 'high'):
+            if (self.unit == WORD) != (getattr(self, name) is None):
+                yield (), f'{name} belongs to a number, and a number needs it'
+        if self.unit != WORD and self.low > self.high:
+            yield (), f'low {self.low} is above high {self.high}'
+        if self.value and not self.column:
+            yield (), 'value needs a column'
 
 
 class Size(NamedTuple):
@@ -68,20 +96,78 @@ class Size(NamedTuple):
     high: int
 
 
-@dataclass(frozen=True)
-class Topic:
-    """One topic; `rate_hz` and `qos` are keyed by mode, `fields` and `sizes` by path."""
+class _Topic(Struct):
+    """One topic as it is in the file."""
 
-    name: str
-    meaning: str
-    type: str
-    publisher: str
-    rate_hz: dict[str, float]
+    meaning: _Text
+    type: Literal[TYPES + DERIVED_TYPES]
+    publisher: _Text
+    rate_hz: dict[Literal[MODES], _Rate]
     frame: str
-    child_frame: str | None
+    child_frame: _Text | None
+    qos: dict[Literal[MODES], str]
+    fields: dict[str, Field] = field(default_factory=dict)
+    sizes: dict[str, tuple[_Count, _Count]] = field(default_factory=dict)
+
+    def faults(self) -> _Fault:
+        """Yield what is wrong beyond the single fields."""
+        for path, (low, high) in self.sizes.items():
+            if low > high:
+                yield ('sizes', path), f'least {low} is above most {high}'
+        for part, path in [('fields', p) for p in self.fields] + [('sizes', p) for p in self.sizes]:
+            try:
+                selectors = [step.selector for step in field_paths.parse(path)]
+            except ValueError as error:
+                yield (part, path), str(error)
+                continue
+            if part == 'sizes':
+                continue
+            if self.type == JOINT_STATE and (len(selectors) != 1 or selectors[0] in (None, '*')):
+                yield (part, path), 'a field of a JointState is written as position[name]'
+            if self.type == DIAGNOSTICS and (len(selectors) != 3 or None in selectors[:2]):
+                written = 'status[*].values[key].value'
+                yield (part, path), f'a field of a DiagnosticArray is written as {written}'
+
+
+class _File(Struct):
+    """topics.yaml."""
+
+    profiles: dict[str, Qos]
+    topics: dict[str, _Topic]
+    derived: dict[str, _Topic] = field(default_factory=dict)
+
+    def faults(self) -> _Fault:
+        """Yield what is wrong beyond the single topics."""
+        profiles, types = Choice(*self.profiles), {'topics': TYPES, 'derived': DERIVED_TYPES}
+        for part, allowed in types.items():
+            for name, topic in getattr(self, part).items():
+                if not _TOPIC_NAME.fullmatch(name):
+                    yield (part, name), 'allowed a leading / and words of a-z, 0-9 and _'
+                fault = Leaf(str, False, Choice(*allowed)).fault(topic.type)
+                if fault:
+                    yield (part, name, 'type'), fault
+                if bool(topic.fields) != (part == 'topics'):
+                    yield (part, name), 'fields belong to topics that are not derived'
+                for mode, profile in topic.qos.items():
+                    fault = Leaf(str, False, profiles).fault(profile)
+                    if fault:
+                        yield (part, name, 'qos', mode), fault
+        used = {
+            p
+            for topic in (*self.topics.values(), *self.derived.values())
+            for p in topic.qos.values()
+        }
+        for name in self.profiles.keys() - used:
+            yield ('profiles', name), 'no topic uses this profile'
+
+
+class Topic(_Topic):
+    """One topic; what depends on the mode is keyed by it, `fields` and `sizes` by path."""
+
     qos: dict[str, Qos]
-    sizes: dict[str, Size]
-    fields: dict[str, Field]
+    sizes: dict[str, Size] = field(default_factory=dict)
+    name: str = ''
+    profiles: dict[str, str] = field(default_factory=dict)  # name of the QoS by mode
 
     @property
     def on_request(self) -> bool:
@@ -133,128 +219,19 @@ def _default():
 
 
 def _load(path):
-    root = read(path).members(('profiles', 'topics'), ('derived',))
-    profiles = {name: _qos(name, item) for name, item in root['profiles'].items().items()}
-    topics = {name: _topic(name, item, profiles) for name, item in root['topics'].items().items()}
-    items = root['derived'].items() if 'derived' in root else {}
-    derived = {name: _derived_topic(name, item, profiles) for name, item in items.items()}
-    used = {q.name for topic in (*topics.values(), *derived.values()) for q in topic.qos.values()}
-    for name, item in root['profiles'].items().items():
-        if name not in used:
-            raise item.error('no topic uses this profile')
-    return Contract(topics, derived)
+    file = parse_value(_File, read(path))
 
+    def topic(name, described):
+        parts = vars(described) | {'name': name, 'profiles': described.qos}
+        parts['qos'] = {mode: file.profiles[name] for mode, name in described.qos.items()}
+        parts['fields'] = {
+            path: replace(number, value=number.value or number.symbol) if number.column else number
+            for path, number in described.fields.items()
+        }
+        parts['sizes'] = {path: Size(*size) for path, size in described.sizes.items()}
+        return Topic(**parts)
 
-def _qos(name, item):
-    m = item.members(('reliability', 'durability', 'history'), ('depth', 'deadline_ms'))
-    history = m['history'].word(('keep_all', 'keep_last'))
-    if (history == 'keep_last') != ('depth' in m):
-        raise item.error('depth belongs to keep_last, and keep_last needs it')
-    deadline_ms = m['deadline_ms'].number() if 'deadline_ms' in m else None
-    if deadline_ms is not None and not 0 < deadline_ms < 1e6:
-        raise m['deadline_ms'].error(f'must be above 0 and below 1e6, is {deadline_ms}')
-    return Qos(
-        name=name,
-        reliability=m['reliability'].word(('reliable', 'best_effort')),
-        durability=m['durability'].word(('volatile', 'transient_local')),
-        history=history,
-        depth=m['depth'].whole(1) if 'depth' in m else 0,
-        deadline_ms=deadline_ms,
+    return Contract(
+        {name: topic(name, described) for name, described in file.topics.items()},
+        {name: topic(name, described) for name, described in file.derived.items()},
     )
-
-
-_HEAD = ('meaning', 'type', 'publisher', 'rate_hz', 'frame', 'qos')
-
-
-def _topic(name, item, profiles):
-    m = item.members((*_HEAD, 'fields'), ('child_frame', 'sizes'))
-    kind = m['type'].word(TYPES)
-    fields = m['fields'].items()
-    for path, field in fields.items():
-        _check_path(path, field, kind)
-    sizes = m['sizes'].items() if 'sizes' in m else {}
-    for path, size in sizes.items():
-        _check_path(f'{path}[*]', size, None)
-    return _describe(
-        (name, item, m, kind),
-        profiles,
-        {path: _size(size) for path, size in sizes.items()},
-        {path: _field(field) for path, field in fields.items()},
-    )
-
-
-def _derived_topic(name, item, profiles):
-    m = item.members(_HEAD, ('child_frame',))
-    return _describe((name, item, m, m['type'].word(DERIVED_TYPES)), profiles, {}, {})
-
-
-def _describe(head, profiles, sizes, fields):
-    name, item, m, kind = head
-    if not _TOPIC_NAME.fullmatch(name):
-        raise item.error('a topic is named with a leading / and words of a-z, 0-9 and _')
-    qos = {mode: q.word(tuple(profiles)) for mode, q in m['qos'].members(MODES).items()}
-    return Topic(
-        name=name,
-        meaning=_filled(m['meaning']),
-        type=kind,
-        publisher=_filled(m['publisher']),
-        rate_hz={mode: _rate(rate) for mode, rate in m['rate_hz'].members(MODES).items()},
-        frame=m['frame'].text(),
-        child_frame=_filled(m['child_frame']) if 'child_frame' in m else None,
-        qos={mode: profiles[profile] for mode, profile in qos.items()},
-        sizes=sizes,
-        fields=fields,
-    )
-
-
-def _check_path(path, item: Item, kind):
-    try:
-        steps = field_paths.parse(path)
-    except ValueError as error:
-        raise item.error(str(error)) from None
-    selectors = [step.selector for step in steps]
-    if kind == JOINT_STATE and (len(steps) != 1 or selectors[0] in (None, '*')):
-        raise item.error('a field of a JointState is written as position[name]')
-    if kind == DIAGNOSTICS and (len(steps) != 3 or None in selectors[:2]):
-        raise item.error('a field of a DiagnosticArray is written as status[*].values[key].value')
-
-
-def _rate(item):
-    rate = item.number()
-    if not 0 <= rate <= 1e4:
-        raise item.error(f'must lie in 0 to 10000 Hz, is {rate}')
-    return rate
-
-
-def _size(item):
-    elements = item.elements()
-    if len(elements) != 2:
-        raise item.error('must be [least, most]')
-    low, high = (element.whole(0) for element in elements)
-    if low > high:
-        raise item.error(f'least {low} is above most {high}')
-    return Size(low, high)
-
-
-def _field(item):
-    is_word = 'unit' in item.items() and item.items()['unit'].value() == WORD
-    range_keys = () if is_word else ('low', 'high')
-    m = item.members(('symbol', 'unit', *range_keys), ('value', 'column'))
-    unit = m['unit'].word(UNITS)
-    low = -float('inf') if is_word else m['low'].number()
-    high = float('inf') if is_word else m['high'].number()
-    if low > high:
-        raise item.error(f'low {low} is above high {high}')
-    if 'value' in m and 'column' not in m:
-        raise item.error('value needs a column')
-    symbol = _filled(m['symbol'])
-    column = _filled(m['column']) if 'column' in m else ''
-    value = _filled(m['value']) if 'value' in m else symbol if column else ''
-    return Field(symbol, unit, low, high, value, column)
-
-
-def _filled(item):
-    text = item.text()
-    if not text.strip():
-        raise item.error('is empty')
-    return text

@@ -98,12 +98,21 @@ def road_edges(x: types.RoadEdges) -> MarkerArray:
 
 def obstacles(x: types.Obstacles) -> MarkerArray:
     """Return /scenario/obstacles."""
-    markers = [_cylinder(x.stamp_ns, obstacle) for obstacle in x.items]
-    markers += [_arrow(x.stamp_ns, o) for o in x.items if o.vX or o.vY]
-    if not markers:
-        topic = '/scenario/obstacles'
-        markers = [Marker(header=_header(topic, x.stamp_ns), action=Marker.DELETEALL)]
-    return MarkerArray(markers=markers)
+    cylinders, arrows = [], []
+    for obstacle in x.items:
+        marker = _obstacle_marker(x.stamp_ns, obstacle, 'obstacle', Marker.CYLINDER)
+        marker.scale.x = marker.scale.y = 2.0 * float(obstacle.r_obs)
+        marker.scale.z = _OBSTACLE_HEIGHT_M
+        cylinders.append(marker)
+        if obstacle.vX or obstacle.vY:
+            marker = _obstacle_marker(x.stamp_ns, obstacle, 'velocity', Marker.ARROW)
+            marker.scale.x, marker.scale.y = _ARROW_M
+            # tail at the centre: the tip alone carries the velocity, exactly
+            marker.points = [Point(), Point(x=float(obstacle.vX), y=float(obstacle.vY))]
+            arrows.append(marker)
+    header = _header('/scenario/obstacles', x.stamp_ns)
+    no_obstacle = [Marker(header=header, action=Marker.DELETEALL)]
+    return MarkerArray(markers=cylinders + arrows or no_obstacle)
 
 
 def why(x: types.Why) -> DiagnosticArray:
@@ -163,30 +172,17 @@ def _obstacle_marker(stamp_ns, obstacle, ns, kind):
     return marker
 
 
-def _cylinder(stamp_ns, obstacle):
-    marker = _obstacle_marker(stamp_ns, obstacle, 'obstacle', Marker.CYLINDER)
-    marker.scale.x = marker.scale.y = 2.0 * float(obstacle.r_obs)
-    marker.scale.z = _OBSTACLE_HEIGHT_M
-    return marker
-
-
-def _arrow(stamp_ns, obstacle):
-    marker = _obstacle_marker(stamp_ns, obstacle, 'velocity', Marker.ARROW)
-    marker.scale.x, marker.scale.y = _ARROW_M
-    # tail at the centre: the tip alone carries the velocity, exactly
-    marker.points = [Point(), Point(x=float(obstacle.vX), y=float(obstacle.vY))]
-    return marker
-
-
 def _diagnostics(topic, stamp_ns, *named):
-    statuses = [_status(name, x) for name, x in named]
-    return DiagnosticArray(header=_header(topic, stamp_ns), status=statuses)
-
-
-def _status(name, x):
-    values = [
-        KeyValue(key=key, value=conversions.value_to_text(value)) for key, value in x.values.items()
-    ]
-    return DiagnosticStatus(
-        level=bytes([x.level]), name=name, message=x.message, hardware_id=name, values=values
-    )
+    msg = DiagnosticArray(header=_header(topic, stamp_ns))
+    for name, x in named:
+        pairs = ((key, conversions.value_to_text(value)) for key, value in x.values.items())
+        msg.status.append(
+            DiagnosticStatus(
+                level=bytes([x.level]),
+                name=name,
+                message=x.message,
+                hardware_id=name,
+                values=[KeyValue(key=key, value=text) for key, text in pairs],
+            )
+        )
+    return msg

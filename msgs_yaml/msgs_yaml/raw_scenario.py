@@ -14,11 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msgs_yaml import contract, conversions
+from msgs_yaml import conformance, contract, conversions
 from msgs_yaml.cdr_templates import ENCAPSULATION
 from msgs_yaml.cdr_templates import STAMP as STAMP_STRUCT
 from msgs_yaml.conversions import NS_PER_S
-from msgs_yaml.decode import UNIT_TOLERANCE
 from msgs_yaml.types import Reference, RoadEdges
 
 REFERENCE = '/scenario/reference'
@@ -29,8 +28,8 @@ HEAD = np.dtype([('encapsulation', 'V4'), ('stamp', STAMP), ('frame', FRAME), ('
 POSE = np.dtype([('stamp', STAMP), ('frame', FRAME), ('pose', 'V56')])
 PADDING = slice(40, 44)  # only in the first pose: its doubles would not be aligned
 _LEAST_BYTES = HEAD.itemsize + PADDING.stop - PADDING.start
-_POSE_FIELDS = ('position.x', 'position.y', 'position.z', *(f'orientation.{a}' for a in 'xyzw'))
-_POSE_PREFIX = 'poses[*].pose.'
+_POSITION, _ORIENTATION = 'poses[*].pose.position', 'poses[*].pose.orientation'
+_POSE_PATHS = *(f'{_POSITION}.{a}' for a in 'xyz'), *(f'{_ORIENTATION}.{a}' for a in 'xyzw')
 _EXACT_NS = 2**53  # longer durations are no exact double
 SIDES = ('left', 'right')
 _LINE_STRIP, _ADD = 4, 0
@@ -61,18 +60,24 @@ def read_reference(raw: bytes) -> Reference | None:
     if (stamps_ns[1:] == stamps_ns[1]).all():  # no desired speeds; a stamp of 0 may be far away
         durations_ns[:] = 0
     columns = np.ascontiguousarray(poses['pose']).view('<f8').reshape(-1, 7).T
-    values = dict(zip(_POSE_FIELDS, np.ascontiguousarray(columns)))
+    values = dict(zip(_POSE_PATHS, np.ascontiguousarray(columns)))
+    numbers = {path: values[path] for path in contract.load().topics[REFERENCE].fields}
     # nanoseconds may be more than a second: the sum can be positive where the seconds are not
     if np.any(stamps['sec'] < 0) or stamps_ns[0] == 0:
         return None
-    if np.abs(durations_ns).max() >= _EXACT_NS or not _poses_in_range(values):
+    if np.abs(durations_ns).max() >= _EXACT_NS:
+        return None
+    if not conformance.obeys(REFERENCE, numbers).all():
         return None
     t = durations_ns / NS_PER_S
     if np.any(np.diff(t) <= 0.0) and np.any(t):
         return None
-    headings = conversions.quaternions_to_headings(values['orientation.z'], values['orientation.w'])
+    headings = conversions.quaternions_to_headings(
+        values[f'{_ORIENTATION}.z'], values[f'{_ORIENTATION}.w']
+    )
     psi = np.unwrap(headings)
-    return Reference(int(stamps_ns[0]), values['position.x'], values['position.y'], psi, t - t[0])
+    X, Y = values[f'{_POSITION}.x'], values[f'{_POSITION}.y']
+    return Reference(int(stamps_ns[0]), X, Y, psi, t - t[0])
 
 
 def restamp_reference(raw: bytes, stamp_ns: int) -> bytes:
@@ -119,18 +124,6 @@ def _is_reference(head, poses):
     )
 
 
-def _in_range(column, field):
-    return bool(np.all((field.low <= column) & (column <= field.high)))
-
-
-def _poses_in_range(values):
-    fields = contract.load().topics[REFERENCE].fields
-    if not all(_in_range(values[p.removeprefix(_POSE_PREFIX)], f) for p, f in fields.items()):
-        return False
-    square = sum(values[f'orientation.{axis}'] ** 2 for axis in 'xyzw')
-    return bool(np.all(np.abs(square - 1.0) <= UNIT_TOLERANCE))
-
-
 class _Line(NamedTuple):
     """The fields of a serialised marker that matter for a road edge."""
 
@@ -149,12 +142,11 @@ def read_road_edges(raw: bytes) -> RoadEdges | None:
     lines = _lines(raw)
     if lines is None or not _is_road_edges(lines):
         return None
-    fields = contract.load().topics[ROAD_EDGES].fields
     sides = {line.ns: np.ascontiguousarray(line.points[:, :2]) for line in lines}
     for side, points in sides.items():
-        for column, axis in zip(points.T, 'xy'):
-            if not _in_range(column, fields[f'markers[{side}].points[*].{axis}']):
-                return None
+        numbers = {f'markers[{side}].points[*].{a}': x for a, x in zip('xy', points.T)}
+        if not conformance.obeys(ROAD_EDGES, numbers).all():
+            return None
     return RoadEdges(lines[0].stamp_ns, sides['left'], sides['right'])
 
 

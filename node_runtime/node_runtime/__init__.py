@@ -4,7 +4,6 @@ Parameters
     parameters          typed parameters with range and unit; parameter files and their `base`
     node_parameters     parameters of a node: file, overrides, what every node declares
     parameter_docs      every parameter as text: type, unit, range, default, meaning
-    typed_yaml          YAML as typed values of a schema of dataclasses
     named_vector        nested named tuples as flat vectors
     scheduling          real-time priority, core, locked memory
 Topics
@@ -14,12 +13,9 @@ Topics
     transport           UDP within this machine, unless the user chose another transport
 Life cycle
     managed_node        configure, activate, deactivate, clean up: the life cycle of ROS 2
-    help_node           what a node prints for --help
     spin_node           run a node from its command line to its exit code
     shutdown            signals, exit in bounded time
     clocks              wall time that does not jump
     log_filters         filters against repeated log lines
-    lazy_names          names of a package that are imported when they are first used
-    source_tree         whether edits of the source are what runs
     provenance          versions, machine and commit for the metadata of a bag
 """

@@ -10,6 +10,7 @@ default, the node configures and activates itself when it starts, without a serv
 
 import traceback
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
@@ -40,7 +41,7 @@ class ManagedNode(LifecycleNode):
         self._lasting = []  # what is in the graph before `configure`
         # rclpy lets the error of a transition that the state does not have end the node
         service = self._service_change_state
-        service.callback = self._refusing_impossible(service.callback)
+        service.callback = partial(self._refuse_impossible, service.callback)
 
     def configure(self) -> None:
         """Load files, prepare, and join the graph; ParameterError or YamlError for wrong input."""
@@ -73,7 +74,7 @@ class ManagedNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure; after a failure the node is unconfigured, and the log has the reason."""
-        self._lasting = self._entities()
+        self._lasting = [entity for kind in self._entities() for entity in kind]
         result = self._attempt('configure', self.configure)
         if result != SUCCESS:
             self._release()
@@ -134,7 +135,12 @@ class ManagedNode(LifecycleNode):
             if not parameter.name.startswith(node_parameters.OF_ROS)
         }
         try:
-            self._check_names(changes)
+            for name in changes:
+                if not self.has_parameter(name):
+                    hint = closest(name, self.list_parameters([], 0).names)
+                    raise ParameterError(f'{name}: this node has no such parameter{hint}')
+                if self.describe_parameter(name).read_only:
+                    raise ParameterError(node_parameters.READ_ONLY.format(name))
             if changes:
                 self.check_change(changes)
         except ParameterError as error:
@@ -143,14 +149,6 @@ class ManagedNode(LifecycleNode):
         if result.successful and changes:
             self.apply_change(changes)
         return result
-
-    def _check_names(self, changes):
-        for name in changes:
-            if not self.has_parameter(name):
-                hint = closest(name, self.list_parameters([], 0).names)
-                raise ParameterError(f'{name}: this node has no such parameter{hint}')
-            if self.describe_parameter(name).read_only:
-                raise ParameterError(node_parameters.READ_ONLY.format(name))
 
     def _attempt(self, transition: str, change: Callable[[], None]) -> TransitionCallbackReturn:
         self._failure = None
@@ -187,25 +185,19 @@ class ManagedNode(LifecycleNode):
             self.destroy_subscription,
             self.destroy_lifecycle_publisher,
         )
-        for entities, destroy in zip(self._kinds(), destroyers):
+        for entities, destroy in zip(self._entities(), destroyers):
             for entity in [entity for entity in entities if id(entity) not in kept]:
                 destroy(entity)
         self.clean_up()
 
-    def _kinds(self):
+    def _entities(self):
         return self.timers, self.subscriptions, self.publishers
 
-    def _entities(self):
-        return [entity for kind in self._kinds() for entity in kind]
-
-    def _refusing_impossible(self, change_state):
-        def change(request, response):
-            try:
-                return change_state(request, response)
-            except RuntimeError as error:  # the base of what rcl raises
-                asked = request.transition.label or request.transition.id
-                self.get_logger().error(f'transition {asked} is not possible: {error}')
-                response.success = False
-                return response
-
-        return change
+    def _refuse_impossible(self, change_state, request, response):
+        try:
+            return change_state(request, response)
+        except RuntimeError as error:  # the base of what rcl raises
+            asked = request.transition.label or request.transition.id
+            self.get_logger().error(f'transition {asked} is not possible: {error}')
+            response.success = False
+            return response

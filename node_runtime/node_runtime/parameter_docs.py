@@ -5,22 +5,20 @@ meaning from the comment behind its value in the parameter file, else from the c
 that of a group from the docstring of its dataclass.
 """
 
-import ast
 import dataclasses
 import inspect
-import io
 import re
 import textwrap
-import tokenize
 import typing
 from collections.abc import Mapping
 from functools import cache
 from typing import Any, NamedTuple
 
 from node_runtime import parameters
-from node_runtime.parameters import Leaf, ParameterFile, Range
+from node_runtime.parameters import ParameterFile, Range
 
 LEFT_OUT = 'left out'
+_FIELD = re.compile(r' {4}(\w+): ')
 _KIND_NAMES = {bool: 'true or false', int: 'whole number', float: 'number', str: 'text'}
 _SYMBOL = r'(?:ms|MB|Pa|kg|rad|deg|m|s|N)(?:\^\d)?'
 # the unit at the head of a text such as `rad/s, 20 deg/s` or `m ahead of the CoG`
@@ -90,41 +88,37 @@ def _groups(cls, prefix, values: Mapping[str, Any], comments: Mapping[str, str],
     rows = []
     for name, hint in hints.items():
         if not dataclasses.is_dataclass(hint):
-            full, note = f'{prefix}{name}', notes.get(name, '')
-            row = _document(full, leaves[name], values.get(full), comments.get(full, ''), note)
-            meaning = row.meaning or meanings.get((cls, name), '')
-            meanings[cls, name] = meaning
-            rows.append(row._replace(meaning=meaning))
+            full, leaf = f'{prefix}{name}', leaves[name]
+            is_number = isinstance(leaf.rule, Range)
+            unit, remark = split_unit(leaf.rule.unit) if is_number else ('', '')
+            first = split_unit(comments.get(full, ''), unit)[1] or remark
+            second = notes.get(name, '')
+            # what one of them says of the other is left out
+            if first.lower() in second.lower():
+                meaning = second
+            else:
+                said = not second or second.lower() in first.lower()
+                meaning = first if said else f'{first}; {second}'
+            meanings[cls, name] = meaning = meaning or meanings.get((cls, name), '')
+            rows.append(
+                ParameterDoc(
+                    full,
+                    f'{"list of " if leaf.many else ""}{_KIND_NAMES[leaf.kind]}',
+                    unit or '-',
+                    leaf.rule.low if is_number else None,
+                    leaf.rule.high if is_number else None,
+                    () if is_number or leaf.rule is None else leaf.rule.words,
+                    values.get(full),
+                    leaf.optional,
+                    meaning,
+                )
+            )
     paragraph = (cls.__doc__ or '').strip().partition('\n\n')[0]
     if rows:
         yield GroupDoc(prefix.rstrip('.'), ' '.join(paragraph.split()), tuple(rows))
     for name, hint in hints.items():
         if dataclasses.is_dataclass(hint):
             yield from _groups(hint, f'{prefix}{name}.', values, comments, meanings)
-
-
-def _document(name, leaf: Leaf, default, comment, note):
-    is_number = isinstance(leaf.rule, Range)
-    unit, remark = split_unit(leaf.rule.unit) if is_number else ('', '')
-    _, comment = split_unit(comment, unit)
-    return ParameterDoc(
-        name,
-        f'{"list of " if leaf.many else ""}{_KIND_NAMES[leaf.kind]}',
-        unit or '-',
-        leaf.rule.low if is_number else None,
-        leaf.rule.high if is_number else None,
-        () if is_number or leaf.rule is None else leaf.rule.words,
-        default,
-        leaf.optional,
-        _join(comment or remark, note),
-    )
-
-
-def _join(first, second):
-    """Return two texts as one; one that the other already says is left out."""
-    if not first or first.lower() in second.lower():
-        return second
-    return f'{first}; {second}' if second and second.lower() not in first.lower() else first
 
 
 def split_unit(text: str, expected: str = '') -> tuple[str, str]:
@@ -145,23 +139,19 @@ def field_comments(cls: type) -> dict[str, str]:
     Empty where the source is not at hand.
     """
     try:
-        source = textwrap.dedent(inspect.getsource(cls))
+        lines = inspect.getsource(cls).splitlines()
     except (OSError, TypeError):
         return {}
-    lines = source.splitlines()
-    by_line = {
-        token.start[0]: token.string.lstrip('#').strip()
-        for token in tokenize.generate_tokens(io.StringIO(source).readline)
-        if token.type == tokenize.COMMENT
-    }
-    comments = {}
-    for field in ast.parse(source).body[0].body:
-        if not isinstance(field, ast.AnnAssign):
-            continue
-        first = field.lineno
-        while first - 1 in by_line and lines[first - 2].lstrip().startswith('#'):
-            first -= 1
-        before = [by_line[line] for line in range(first, field.lineno)]
-        behind = [by_line[n] for n in range(field.lineno, field.end_lineno + 1) if n in by_line]
-        comments[field.target.id] = ' '.join([*before, *behind])
+    comments, before, field = {}, [], ''
+    for line in textwrap.dedent('\n'.join(lines)).splitlines():
+        code, _, comment = line.partition('#')
+        begins = _FIELD.match(code)
+        if begins or (field and code.strip() and code[4:5] in ' )]'):
+            field = begins[1] if begins else field
+            words = [comments.get(field, ''), *before, comment.strip()]
+            comments[field], before = ' '.join(filter(None, words)), []
+        elif comment:
+            before.append(comment.strip())
+        else:
+            before, field = [], ''
     return comments

@@ -20,98 +20,34 @@ A parameter file may name another file as its `base` and then holds only what di
 """
 
 import dataclasses
-import math
 import os
-import sys
-import types
-import typing
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from msgs_yaml.strict_yaml import Item, YamlError, closest, read
+from msgs_yaml.strict_yaml import Choice as Choice  # with these parameters are declared
+from msgs_yaml.strict_yaml import (
+    Item,
+    Leaf,
+    Range,
+    YamlError,
+    closest,
+    field_types,
+    leaf_of,
+    parse_value,
+    read,
+)
+from msgs_yaml.strict_yaml import Struct as Struct
 from node_runtime import named_vector
 
-if sys.version_info >= (3, 11):
-    from typing import dataclass_transform
-else:
-
-    def dataclass_transform(**_):
-        """Return a decorator that only type checkers heed."""
-        return lambda cls: cls
-
-
 T = TypeVar('T')
-SCALARS = (bool, int, float, str)
 BASE = 'base'
-NO_UNIT = '-'  # of a Range whose numbers are shares or counts
 LOWER_END, UPPER_END = '_min', '_max'  # of the names of a range's two ends
 SWITCH = 'on'  # parameter of a group: the others are needed where it is true
-_ANY = {bool: 'true or false', str: 'any text'}
-_UNIONS = (typing.Union, types.UnionType)
-
-
-class _Empty:
-    """The value of a key with nothing after it, which `check` refuses; `null` leaves it out."""
-
-    def __repr__(self):
-        return 'nothing'
-
-
-EMPTY = _Empty()
 
 
 class ParameterError(ValueError):
     """A parameter is unknown, missing, of the wrong type or out of range."""
-
-
-@dataclass_transform(frozen_default=True)
-class Struct:
-    """Base of parameter groups and of blocks of YAML files: a subclass is a frozen dataclass."""
-
-    def __init_subclass__(cls, **options: Any):
-        super().__init_subclass__(**options)
-        dataclass(frozen=True)(cls)
-
-
-@dataclass(frozen=True)
-class Range:
-    """Allowed range of a number, bounds included, and its unit."""
-
-    low: float
-    high: float
-    unit: str
-
-    @property
-    def allowed(self) -> str:
-        """The allowed values as text."""
-        unit = '' if self.unit == NO_UNIT else f' {self.unit}'
-        return f'{self.low:g} to {self.high:g}{unit}'
-
-    def fault(self, kind: type, value: Any) -> str:
-        """Return why a value is no such int or float, as `must be finite, is`, or ''."""
-        if isinstance(value, bool) or not isinstance(value, int if kind is int else int | float):
-            return f'must be a {"whole number" if kind is int else "number"}, is'
-        # math.isfinite raises for a whole number beyond all floats
-        if isinstance(value, float) and not math.isfinite(value):
-            return 'must be finite, is'
-        return '' if self.low <= value <= self.high else 'is'
-
-
-@dataclass(frozen=True, init=False)
-class Choice:
-    """Allowed words of a text."""
-
-    words: tuple[str, ...]
-
-    def __init__(self, *words: str):
-        object.__setattr__(self, 'words', words)
-
-    @property
-    def allowed(self) -> str:
-        """The allowed values as text."""
-        return ' or '.join(self.words)
 
 
 # quantities that several packages take: what a scenario allows, nodes accept
@@ -123,49 +59,21 @@ LATERAL_SPEED = Range(-50.0, 50.0, 'm/s')  # at the start, to the left positive
 YAW_RATE = Range(-5.0, 5.0, 'rad/s')  # at the start, to the left positive
 
 
-class Leaf(NamedTuple):
-    """Type and allowed values of one parameter."""
-
-    kind: type  # bool, int, float or str
-    many: bool  # tuple of them
-    rule: Range | Choice | None
-    optional: bool = False  # None when it is left out
-
-    @property
-    def allowed(self) -> str:
-        """The allowed values as text."""
-        return self.rule.allowed if self.rule else _ANY[self.kind]
-
-
 def leaves(cls: type) -> dict[str, Leaf]:
     """Return every parameter of a dataclass under its dotted name.
 
     Raises TypeError for a field that states no type or range of the forms above.
     """
     by_name = {}
-    for name, hint in typing.get_type_hints(cls, include_extras=True).items():
+    for name, hint in field_types(cls).items():
         if dataclasses.is_dataclass(hint):
-            by_name.update({f'{name}.{inner}': leaf for inner, leaf in leaves(hint).items()})
-        else:
-            by_name[name] = _leaf(f'{cls.__name__}.{name}', hint)
+            by_name |= {f'{name}.{inner}': leaf for inner, leaf in leaves(hint).items()}
+            continue
+        by_name[name] = leaf_of(hint)
+        if by_name[name] is None:
+            what = 'is no parameter; numbers need a Range(low, high, unit)'
+            raise TypeError(f'{cls.__name__}.{name}: {hint} {what}')
     return by_name
-
-
-def _leaf(field, hint):
-    if typing.get_origin(hint) in _UNIONS:
-        kinds = [kind for kind in typing.get_args(hint) if kind is not types.NoneType]
-        if len(kinds) == 1:
-            return _leaf(field, kinds[0])._replace(optional=True)
-    base, rule = hint, None
-    if typing.get_origin(hint) is typing.Annotated:
-        base, rule = hint.__origin__, hint.__metadata__[0]
-    element, *ellipsis = typing.get_args(base) or (base,)
-    many = typing.get_origin(base) is tuple and ellipsis == [Ellipsis]
-    kind = element if many else base
-    rules = {float: (Range,), int: (Range,), str: (Choice, types.NoneType), bool: types.NoneType}
-    if kind not in SCALARS or not isinstance(rule, rules[kind]):
-        raise TypeError(f'{field}: {hint} is no parameter; numbers need a Range(low, high, unit)')
-    return Leaf(kind, many, rule)
 
 
 def build(cls: type[T], mapping: Mapping[str, Any], source: Callable[[str], str] | str | Path) -> T:
@@ -186,8 +94,7 @@ def build(cls: type[T], mapping: Mapping[str, Any], source: Callable[[str], str]
         if key not in given and not leaf.optional:
             raise ParameterError(f'{source(key)}: {key}: is missing; allowed {leaf.allowed}')
     values = {key: check(leaf, given.get(key), key, source) for key, leaf in known.items()}
-    _check_switched_on(values, known, source)
-    _check_ends(values, known, source)
+    _check_groups(values, known, source)
     return named_vector.build(cls, values.values())
 
 
@@ -199,59 +106,32 @@ def describe_group(key: str, known: Iterable[str]) -> str:
     return f'is a group, not a parameter; allowed {", ".join(members)}'
 
 
-def _check_switched_on(values, known, source):
-    """Raise ParameterError for a group that is on and lacks one of its parameters."""
-    groups = [k.removesuffix(SWITCH) for k in values if k.endswith(f'.{SWITCH}') and values[k]]
-    for group in groups:
-        for key in values:
-            if key.startswith(group) and values[key] is None:
-                raise ParameterError(
-                    f'{source(group + SWITCH)}: {key}: is missing, and {group}{SWITCH} is true; '
-                    f'allowed {known[key].allowed}'
-                )
-
-
-def _check_ends(values, known, source):
-    """Raise ParameterError for a range whose lower end is above its upper one."""
-    for key, low in values.items():
+def _check_groups(values, known, source):
+    """Raise ParameterError for a group that is on and lacks a parameter, and for odd range ends."""
+    for key, value in values.items():
+        group, _, name = key.rpartition('.')
+        if name == SWITCH and group and value:
+            for other in values:
+                if other.startswith(f'{group}.') and values[other] is None:
+                    raise ParameterError(
+                        f'{source(key)}: {other}: is missing, and {key} is true; '
+                        f'allowed {known[other].allowed}'
+                    )
         upper = key.removesuffix(LOWER_END) + UPPER_END
-        if not key.endswith(LOWER_END) or upper not in values:
-            continue
-        high = values[upper]
-        if low is not None and high is not None and low > high:
+        high = values.get(upper) if key.endswith(LOWER_END) else None
+        if value is not None and high is not None and value > high:
             raise ParameterError(
-                f'{source(key)}: {key}: is {low:g}, above {upper}, {high:g}; '
+                f'{source(key)}: {key}: is {value:g}, above {upper}, {high:g}; '
                 f'allowed {dataclasses.replace(known[key].rule, high=high).allowed}'
             )
 
 
 def check(leaf: Leaf, value: Any, key: str, source: Callable[[str], str]) -> Any:
     """Return a value in the type of its parameter; raise ParameterError if it is not allowed."""
-    if value is None and leaf.optional:
-        return None
-
-    def error(what):
-        return ParameterError(f'{source(key)}: {key}: {what}; allowed {leaf.allowed}')
-
-    if value is EMPTY:
-        raise error('has no value')
-    if not leaf.many:
-        return _scalar(leaf, value, error)
-    if isinstance(value, str | bytes) or not isinstance(value, typing.Iterable):
-        raise error(f'must be a list, is {value!r}')
-    return tuple(_scalar(leaf, element, error) for element in value)
-
-
-def _scalar(leaf, value, error):
-    if isinstance(leaf.rule, Range):
-        fault = leaf.rule.fault(leaf.kind, value)
-        if fault:
-            raise error(f'{fault} {value!r}')
-    elif not isinstance(value, leaf.kind):
-        raise error(f'must be {"true or false" if leaf.kind is bool else "a text"}, is {value!r}')
-    elif leaf.rule and value not in leaf.rule.words:
-        raise error(f'is {value!r}{closest(value, leaf.rule.words)}')
-    return leaf.kind(value)
+    fault = leaf.fault(value)
+    if fault:
+        raise ParameterError(f'{source(key)}: {key}: {fault}')
+    return leaf.convert(value)
 
 
 class ParameterFile(NamedTuple):
@@ -298,10 +178,10 @@ def _read_chain(path, config, derived):
     lines = path.read_text().splitlines()
     base = items.pop(BASE, None)
     own = ParameterFile(
-        {key: value_of(item) for key, item in items.items()},
+        {key: item.value_or_empty() for key, item in items.items()},
         {key: f'{path}:{item.line}' for key, item in items.items()},
         {key: lines[item.line - 1].partition('#')[2].strip() for key, item in items.items()},
-        _find_base(base, path, config) if base and base.text() else None,
+        _find_base(base, path, config) if base and parse_value(str, base) else None,
     )
     if own.base is None:
         return own
@@ -319,15 +199,8 @@ def _read_chain(path, config, derived):
     )
 
 
-def value_of(item: Item) -> Any:
-    """Return the value of a parameter; EMPTY where the text has none."""
-    # the style of a plain scalar is None in PyYAML's parser, '' in libyaml's
-    is_empty = item.node.id == 'scalar' and not item.node.value and not item.node.style
-    return EMPTY if is_empty else item.value()
-
-
 def _find_base(item: Item, path, config):
-    name = item.text()
+    name = parse_value(str, item)
     folders = [path.parent, *([config] if config and os.sep not in name else [])]
     for folder in folders:
         path = Path(os.path.normpath(folder / os.path.expanduser(name)))

@@ -1,5 +1,6 @@
 """Provenance of a run for the metadata of its bag: parameters, versions, machine, commit."""
 
+import contextlib
 import hashlib
 import json
 import os
@@ -89,47 +90,29 @@ def digest_file(path: Path) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the version of everything that may change the numbers of a run.
-
-    fatrop and IPOPT come with casadi.
-    """
-    return {
-        'python': platform.python_version(),
-        **{name: _version(distribution) for name, distribution in VERSIONS.items()},
-        **{package: _package_version(package) for package in PACKAGES},
-    }
-
-
-def _package_version(package):
-    try:
-        manifest = share.path(package, 'package.xml')
-    except FileNotFoundError:
-        return UNKNOWN
-    return ElementTree.parse(manifest).findtext('version', UNKNOWN)
-
-
-def _version(distribution):
-    try:
-        return metadata.version(distribution)
-    except metadata.PackageNotFoundError:
-        return UNKNOWN
+    """Return the version of everything that may change the numbers of a run."""
+    known = {'python': platform.python_version()} | dict.fromkeys((*VERSIONS, *PACKAGES), UNKNOWN)
+    for name, distribution in VERSIONS.items():
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            known[name] = metadata.version(distribution)
+    for package in PACKAGES:
+        with contextlib.suppress(FileNotFoundError):
+            manifest = ElementTree.parse(share.path(package, 'package.xml'))
+            known[package] = manifest.findtext('version', UNKNOWN)
+    return known
 
 
 def machine() -> dict[str, Any]:
     """Return the description of this machine."""
+    lines = Path('/proc/cpuinfo').read_text().splitlines()
+    models = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
     return {
-        'processor': _processor(),
+        'processor': models[0] if models else platform.processor(),
         'architecture': platform.machine(),
         'cores': len(os.sched_getaffinity(0)),
         'kernel': platform.release().partition('-')[0],  # the rest names its builder
         'libc': ' '.join(platform.libc_ver()),
     }
-
-
-def _processor():
-    lines = Path('/proc/cpuinfo').read_text().splitlines()
-    models = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
-    return models[0] if models else platform.processor()
 
 
 def commit() -> str:

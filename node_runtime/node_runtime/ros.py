@@ -71,29 +71,25 @@ def declare(
     params, declarations = node_parameters.resolve(cls, Path(defaults), given, common=common)
     free = changeable(params)
     for declaration in declarations:
-        descriptor = _descriptor(declaration, declaration.name not in free)
+        leaf = declaration.leaf
+        # a parameter without a value has no type either, unless its type may change
+        descriptor = ParameterDescriptor(
+            description=declaration.description,
+            read_only=declaration.name not in free,
+            dynamic_typing=declaration.value is None,
+        )
+        if isinstance(leaf.rule, Range):
+            field, make = _RANGES[leaf.kind]
+            low, high = leaf.kind(leaf.rule.low), leaf.kind(leaf.rule.high)
+            setattr(descriptor, field, [make(from_value=low, to_value=high)])
+        elif isinstance(leaf.rule, Choice):
+            descriptor.additional_constraints = leaf.allowed
         # values are checked: ROS must neither override them again nor insist on 1.0 for 1
         node.declare_parameter(
             declaration.name, declaration.value, descriptor, ignore_override=True
         )
     node.get_logger().info(node_parameters.describe_defaults(cls, given, Path(defaults)))
     return params
-
-
-def _descriptor(declaration, read_only):
-    # a parameter without a value has no type either, unless its type may change
-    descriptor = ParameterDescriptor(
-        description=declaration.description,
-        read_only=read_only,
-        dynamic_typing=declaration.value is None,
-    )
-    rule, kind = declaration.leaf.rule, declaration.leaf.kind
-    if isinstance(rule, Range):
-        field, make = _RANGES[kind]
-        setattr(descriptor, field, [make(from_value=kind(rule.low), to_value=kind(rule.high))])
-    elif isinstance(rule, Choice):
-        descriptor.additional_constraints = declaration.leaf.allowed
-    return descriptor
 
 
 def relative_name(topic: str) -> str:

@@ -35,42 +35,28 @@ def apply(options: SchedulingOptions) -> tuple[str, ...]:
     freeze_garbage()
     if not options.collect_garbage:
         gc.disable()
-    results = (_set_affinity(options), _lock_memory(options), _set_priority(options))
-    return tuple(refusal for refusal in results if refusal)
+    refusals = []
+    if options.core != ANY:
+        reason = _refusal(lambda thread: os.sched_setaffinity(thread, {options.core}))
+        hint = f'this process may use {sorted(os.sched_getaffinity(0))}'
+        refusals += [f'realtime.core={options.core}: {reason}; {hint}'] if reason else []
+    libc = ctypes.CDLL(None, use_errno=True)
+    if options.lock_memory and libc.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT):
+        reason = os.strerror(ctypes.get_errno())
+        refusals.append(f'realtime.lock_memory: {reason}; allow it with `ulimit -l unlimited`')
+    if options.priority:
+        wanted = os.sched_param(options.priority)
+        reason = _refusal(lambda thread: os.sched_setscheduler(thread, os.SCHED_FIFO, wanted))
+        hint = f'`ulimit -r {options.priority}`, or `rtprio` in /etc/security/limits.conf'
+        what = f'realtime.priority={options.priority}: {reason}; allow it with {hint}'
+        refusals += [what] if reason else []
+    return tuple(refusals)
 
 
 def freeze_garbage() -> None:
     """Collect garbage now, and exclude the objects that are left from later collections."""
     gc.collect()
     gc.freeze()
-
-
-def _set_affinity(options):
-    if options.core == ANY:
-        return ''
-    reason = _refusal(lambda thread: os.sched_setaffinity(thread, {options.core}))
-    allowed = sorted(os.sched_getaffinity(0))
-    hint = f'realtime.core={options.core}: {reason}; this process may use {allowed}'
-    return hint if reason else ''
-
-
-def _lock_memory(options):
-    if not options.lock_memory:
-        return ''
-    libc = ctypes.CDLL(None, use_errno=True)
-    if libc.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT):
-        reason = os.strerror(ctypes.get_errno())
-        return f'realtime.lock_memory: {reason}; allow it with `ulimit -l unlimited`'
-    return ''
-
-
-def _set_priority(options):
-    if not options.priority:
-        return ''
-    wanted = os.sched_param(options.priority)
-    reason = _refusal(lambda thread: os.sched_setscheduler(thread, os.SCHED_FIFO, wanted))
-    hint = f'`ulimit -r {options.priority}`, or `rtprio` in /etc/security/limits.conf'
-    return f'realtime.priority={options.priority}: {reason}; allow it with {hint}' if reason else ''
 
 
 def _refusal(change):

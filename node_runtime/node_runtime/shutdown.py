@@ -84,7 +84,16 @@ def drop_incoming() -> int:
     program = struct.pack('@HP', 1, ctypes.addressof(drop))  # struct sock_fprog
     dropping = []
     with contextlib.suppress(OSError):  # no descriptor is left to list them with
-        dropping = [int(fd) for fd in os.listdir(DESCRIPTORS) if _attach(int(fd), program)]
+        for descriptor in map(int, os.listdir(DESCRIPTORS)):
+            # no socket, closed meanwhile, or a kernel without filters
+            with contextlib.suppress(OSError):
+                udp = socket.socket(fileno=descriptor)
+                try:
+                    if udp.type == socket.SOCK_DGRAM and udp.family in INTERNET:
+                        udp.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, program)
+                        dropping.append(descriptor)
+                finally:
+                    udp.detach()
     end = time.monotonic() + DRAIN_S
     while any(map(_queued_bytes, dropping)) and time.monotonic() < end:
         time.sleep(POLL_S)
@@ -112,23 +121,6 @@ def exit_after(seconds: float, exit_code: int) -> Iterator[None]:
             faulthandler.dump_traceback_later(max(seconds - TRACEBACK_S, seconds / 2), file=STDERR)
             timers.callback(faulthandler.cancel_dump_traceback_later)
         yield
-
-
-def _attach(descriptor, program):
-    """Attach a packet filter to an internet UDP socket; return whether that was possible."""
-    try:
-        udp = socket.socket(fileno=descriptor)
-    except OSError:  # no socket, or closed meanwhile
-        return False
-    try:
-        if udp.type != socket.SOCK_DGRAM or udp.family not in INTERNET:
-            return False
-        udp.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, program)
-        return True
-    except OSError:  # a kernel without filters
-        return False
-    finally:
-        udp.detach()
 
 
 def _queued_bytes(descriptor):

@@ -1,7 +1,9 @@
 """Run a node from its command line to its exit code."""
 
+import argparse
 import gc
 import os
+import sys
 import time
 import traceback
 from collections.abc import Callable, Sequence
@@ -15,7 +17,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
-from rclpy.utilities import get_rmw_implementation_identifier
+from rclpy.utilities import get_rmw_implementation_identifier, remove_ros_args
 
 from node_runtime import node_parameters, parameters, ros, scheduling, shutdown, transport
 from node_runtime.managed_node import REFUSALS, ManagedNode
@@ -32,6 +34,31 @@ EXIT_CODES = {
     _EXIT_ERROR: 'an error while it ran',
     EXIT_CONFIGURATION: 'a wrong parameter, file or contract: one line in the log, nothing ran',
 }
+
+
+_PARAMETERS = """\
+parameters follow `--ros-args`, as `-p NAME:=VALUE` or `--params-file FILE`; their names, ranges,
+units and defaults:
+  experiments parameters         of all nodes of a run
+  ros2 param list                of the nodes that run
+  ros2 param describe NODE NAME
+
+example:
+  %(prog)s {example}"""
+
+
+def run(make_node: Callable[[], Node], about: str, example: str) -> int:
+    """Run a node as a program, see `spin`; return the exit code.
+
+    Prints what the node is `about`, and an `example` of its arguments, for `--help`; exits with 2
+    and one line for words that neither it nor ROS reads. No ROS runs for that.
+    """
+    argparse.ArgumentParser(
+        description=about,
+        epilog=_PARAMETERS.format(example=example),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    ).parse_args(remove_ros_args(sys.argv)[1:])
+    return spin(make_node)
 
 
 def finish(node: Node, exit_code: int = 0) -> None:
@@ -69,21 +96,41 @@ def shut_down(*nodes: Node, context: Context | None = None) -> None:
 def _spin(make_node, args):
     node, code, error = None, 0, None
     try:
-        _start(args)
+        try:
+            # rclpy's own handlers shut down in the middle of a callback
+            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        except RuntimeError as wrong:  # the base of what rcl raises
+            raise ParameterError(f'command line: {wrong}') from None
         node = make_node()
         if isinstance(node, ManagedNode):
             node.start()
         _apply_scheduling(node)
-        _run(node)
+        _spin_until_finished(node)
     except BaseException as caught:
         _ignore_signals()
         error = caught  # it refers to a half-built node, whose destruction needs a time limit, too
-        code = _report(error)
+        if isinstance(error, REFUSALS):
+            rclpy.logging.get_logger('start').fatal(str(error))
+            code = EXIT_CONFIGURATION
+        elif not isinstance(error, (KeyboardInterrupt, ExternalShutdownException)):
+            traceback.print_exception(error)
+            code = _EXIT_ERROR
     _ignore_signals()
-    code = _close(node) or code or _exit_code(node)
+    failed = 0
+    try:
+        if hasattr(node, 'close'):
+            node.close()
+    except Exception:
+        traceback.print_exc()
+        failed = _EXIT_ERROR
+    code = failed or code or _exit_code(node)
     with shutdown.exit_after(_SHUTDOWN_S, code):
         _drop_incoming()
-        _release(error)
+        while error is not None:  # free the objects that it and its causes refer to
+            traceback.clear_frames(error.__traceback__)
+            error.__traceback__ = None
+            error = error.__cause__ or error.__context__
+        gc.collect()
         _destroy([node] if node else [], None)
     return code
 
@@ -99,41 +146,10 @@ def _drop_incoming():
         shutdown.drop_incoming()
 
 
-def _report(error):
-    """Log what ended a node, unless the user did; return the exit code for it."""
-    if isinstance(error, (KeyboardInterrupt, ExternalShutdownException)):
-        return 0
-    if isinstance(error, REFUSALS):
-        rclpy.logging.get_logger('start').fatal(str(error))
-        return EXIT_CONFIGURATION
-    traceback.print_exception(error)
-    return _EXIT_ERROR
-
-
-def _close(node):
-    """Call `close` of a node, if it has one; return the exit code of that."""
-    try:
-        if hasattr(node, 'close'):
-            node.close()
-    except Exception:
-        traceback.print_exc()
-        return _EXIT_ERROR
-    return 0
-
-
 def _destroy(nodes, context):
     for node in nodes:
         node.destroy_node()
     rclpy.try_shutdown(context=context)
-
-
-def _release(error):
-    """Free the objects that an exception and its causes refer to."""
-    while error is not None:
-        traceback.clear_frames(error.__traceback__)
-        error.__traceback__ = None
-        error = error.__cause__ or error.__context__
-    gc.collect()
 
 
 def _exit_code(node):
@@ -151,15 +167,7 @@ def _apply_scheduling(node):
         node.get_logger().warning(refusal)
 
 
-def _start(args):
-    try:
-        # rclpy's own handlers shut down in the middle of a callback
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # the base of what rcl raises
-        raise ParameterError(f'command line: {error}') from None
-
-
-def _run(node):
+def _spin_until_finished(node):
     executor = EventsExecutor()
     executor.add_node(node)
     node.spinning = Future(executor=executor)
@@ -167,12 +175,7 @@ def _run(node):
     shutdown.call_on_signal(lambda: Thread(target=finish, args=(node, _exit_code(node))).start())
     while rclpy.ok() and not getattr(node, 'finished', False):
         executor.spin_until_future_complete(node.spinning, timeout_sec=_WAKE_S)
-    if rclpy.ok():
-        _flush(node)
-
-
-def _flush(node):
-    """Wait until reliable subscribers have received the last messages."""
     end = time.monotonic() + _FLUSH_S
-    for pub in node.publishers:
+    # reliable subscribers receive the last messages
+    for pub in node.publishers if rclpy.ok() else ():
         pub.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))

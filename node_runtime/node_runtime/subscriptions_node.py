@@ -46,9 +46,11 @@ def read_reference(raw: bytes) -> Reference:
 def read_road_edges(raw: bytes) -> RoadEdges:
     """Return the edges of a serialised /scenario/road_edges; see `read_reference`."""
     most, limit = _most_markers(ROAD_EDGES)
-    if _count(raw)[1] > most:
-        raise decode.DecodeError(f'{ROAD_EDGES}: markers is {_count(raw)[1]} long; allowed {most}')
-    _check_length(ROAD_EDGES, raw, limit)
+    _, count = _count(raw)
+    if count > most:
+        raise decode.DecodeError(f'{ROAD_EDGES}: markers is {count} long; allowed {most}')
+    if len(raw) > limit:
+        raise decode.DecodeError(f'{ROAD_EDGES}: {len(raw)} bytes; allowed {limit}')
     edges = raw_scenario.read_road_edges(raw)
     return _decode(ROAD_EDGES, raw, decode.road_edges) if edges is None else edges
 
@@ -62,7 +64,8 @@ def read_obstacles(raw: bytes) -> Obstacles:
     order, count = _count(raw)
     if count > most:
         raw = raw[: _COUNT.start] + (most + 1).to_bytes(4, order) + raw[_COUNT.stop : limit]
-    _check_length(OBSTACLES, raw, limit)
+    if len(raw) > limit:
+        raise decode.DecodeError(f'{OBSTACLES}: {len(raw)} bytes; allowed {limit}')
     return decode.obstacles(ros.deserialize(OBSTACLES, raw))
 
 
@@ -78,9 +81,7 @@ def read_actuators(raw: bytes) -> Actuators:
     return decode.actuators(ros.deserialize(ACTUATORS, raw)) if actuators is None else actuators
 
 
-@cache
-def _template(topic):
-    return Template(topic)
+_template = cache(Template)
 
 
 def _decode(topic, raw, decoder):
@@ -91,11 +92,6 @@ def _decode(topic, raw, decoder):
             f'reason is given up to {_OBJECT_BYTES} bytes'
         )
     return decoder(ros.deserialize(topic, raw))
-
-
-def _check_length(topic, raw, limit):
-    if len(raw) > limit:
-        raise decode.DecodeError(f'{topic}: {len(raw)} bytes; allowed {limit}')
 
 
 def _most_markers(topic):
@@ -165,13 +161,17 @@ class PublisherMonitor:
             count = max(subscription.get_publisher_count(), 1)
             if count == self._counts[topic]:
                 continue
-            self._counts[topic] = count
+            self._counts[topic], name = count, ros.full_name(self._node, topic)
             self._warnings.pop(topic, None)
             if count > 1:
-                self._warnings[topic] = self._warning(topic, count)
+                self._warnings[topic] = (
+                    f'{count} publishers of {name} ({", ".join(self._publishers(name))}), 1 '
+                    'expected: the messages of all are used; a process that was killed counts for '
+                    '20 s'
+                )
                 self._node.get_logger().warning(self._warnings[topic])
             else:
-                self._node.get_logger().info(f'1 publisher of {self._name(topic)} again')
+                self._node.get_logger().info(f'1 publisher of {name} again')
 
     def add_warnings(self, health: Health) -> Health:
         """Return a health with the present warnings, at least WARN if there are any."""
@@ -181,13 +181,6 @@ class PublisherMonitor:
         message = '; '.join([*causes, *self._warnings.values()])
         return health._replace(level=max(health.level, WARN), message=message)
 
-    def _warning(self, topic, count):
-        infos = self._node.get_publishers_info_by_topic(self._name(topic))
-        nodes = sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos)
-        return (
-            f'{count} publishers of {self._name(topic)} ({", ".join(nodes)}), 1 expected: '
-            'the messages of all are used; a process that was killed counts for 20 s'
-        )
-
-    def _name(self, topic):
-        return ros.full_name(self._node, topic)
+    def _publishers(self, name):
+        infos = self._node.get_publishers_info_by_topic(name)
+        return sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos)

@@ -41,19 +41,15 @@ def configure(environment: MutableMapping[str, str], middleware: str) -> None:
     second call changes nothing. `middleware` is the identifier of the RMW implementation.
     """
     discovery = environment[RANGE] = environment.get(RANGE) or LOCALHOST
-    if discovery not in FILES or not middleware.startswith(FAST_DDS) or _is_chosen(environment):
-        return
-    if discovery == LOCALHOST:
-        if environment.get(PEERS):
-            return
-        environment[RANGE] = BY_PROFILE
-    environment[PROFILES] = str(share.path('node_runtime', 'config', FILES[discovery]))
-
-
-def _is_chosen(environment):
-    return (
+    is_chosen = (
         any(environment.get(name) for name in CHOICES)
         or (environment.get(TRANSPORTS) or UDP) != UDP
         or environment.get(LOCALHOST_ONLY) == '1'
         or Path(LOCAL_PROFILES).exists()
+        or (discovery == LOCALHOST and environment.get(PEERS))
     )
+    if discovery not in FILES or not middleware.startswith(FAST_DDS) or is_chosen:
+        return
+    if discovery == LOCALHOST:
+        environment[RANGE] = BY_PROFILE
+    environment[PROFILES] = str(share.path('node_runtime', 'config', FILES[discovery]))

@@ -7,7 +7,6 @@ Use:
     families          random emergencies as scenario files
 From file to scenario:
     schema            every key of the file with its range and unit
-    scenario_file     strict reading: YAML text to typed values, errors with file, line and key
     lines             straights, arcs, clothoids, lane changes, splines; sampled lines
     polyline          distances to polylines
     road_geometry     sampled lines and road edges of the file

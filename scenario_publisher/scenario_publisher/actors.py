@@ -1,5 +1,6 @@
 """Obstacles over time: position while present. Metres, seconds, frame map."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -7,7 +8,10 @@ import numpy as np
 from msgs_yaml.types import Obstacle
 from scenario_publisher import schema, waypoint_track
 from scenario_publisher.lines import Frame, Line, offset_point, pose_at
+from scenario_publisher.schema import KeyedError
 from scenario_publisher.waypoint_track import Track
+
+MAX_OBSTACLES = 200  # each may take two of the 400 markers that topics.yaml allows
 
 
 class Actor(NamedTuple):
@@ -19,33 +23,41 @@ class Actor(NamedTuple):
     track: Track | None = None  # of one that follows way-points or the road; None: goes straight on
 
 
-def place_actor(
-    number: int,
-    block: schema.MapObstacle | schema.RoadObstacle | schema.WaypointObstacle,
-    centre: Line,
-    key: str = 'obstacle',
-) -> Actor:
-    """Return an obstacle of the file; along and across follow the centre line at its station.
+def place_actors(blocks: Sequence[schema.Obstacle], centre: Line) -> tuple[Actor, ...]:
+    """Return the obstacles of the file; along and across follow the centre line at their station.
 
-    Raises KeyedError about `key`, the obstacle's in the file, for way-points that cannot be driven.
+    Raises KeyedError for too many, for one beyond the road and for way-points that nobody drives.
     """
+    if len(blocks) > MAX_OBSTACLES:
+        what = f'has {len(blocks)} obstacles; allowed at most {MAX_OBSTACLES}'
+        raise KeyedError('obstacles', what)
+    return tuple(
+        _place_actor(i + 1, block, centre, f'obstacles[{i}]') for i, block in enumerate(blocks)
+    )
+
+
+def _place_actor(number, block, centre, key):
     times = block.appears_at_s, block.disappears_at_s
     track = None
     if isinstance(block, schema.WaypointObstacle):
         track = waypoint_track.build_track(block.waypoints, centre, key)
-    elif isinstance(block, schema.RoadObstacle) and block.motion == schema.ALONG_ROAD:
-        track = waypoint_track.build_road_track(block, centre)
+    elif isinstance(block, schema.RoadObstacle):
+        if block.station_m > centre.s[-1]:
+            what = f'lies beyond the road with {block.station_m:g}'
+            raise KeyedError(f'{key}.station_m', f'{what}; allowed 0 to {centre.s[-1]:.2f} m')
+        if block.motion == schema.ALONG_ROAD:
+            track = waypoint_track.build_road_track(block, centre)
     if track is not None:
-        X, Y, vX, vY = (float(value) for value in waypoint_track.motion_at(track, 0.0))
-        return Actor(Obstacle(number, X, Y, block.radius_m, vX, vY), *times, track)
-    if isinstance(block, schema.MapObstacle):
+        X, Y, vX, vY = waypoint_track.motion_at(track, 0.0)
+    elif isinstance(block, schema.MapObstacle):
         X, Y, vX, vY = block.x_m, block.y_m, block.vx_mps, block.vy_mps
     else:
         frame = pose_at(centre, block.station_m)
         X, Y = offset_point(frame, block.offset_m)
         along = block.along_mps * np.cos(frame.psi), block.along_mps * np.sin(frame.psi)
         vX, vY = offset_point(Frame(*along, frame.psi), block.across_mps)
-    return Actor(Obstacle(number, float(X), float(Y), block.radius_m, float(vX), float(vY)), *times)
+    obstacle = Obstacle(number, float(X), float(Y), block.radius_m, float(vX), float(vY))
+    return Actor(obstacle, *times, track)
 
 
 def is_present(actor: Actor, t: float) -> bool:

@@ -62,11 +62,6 @@ def judge(scn: Scenario, horizon_s: float) -> list[Advice]:
     ]
 
 
-def find_advice(scn: Scenario, horizon_s: float) -> list[str]:
-    """Return one line for each thing that is probably a mistake; [] without any."""
-    return flatten(judge(scn, horizon_s))
-
-
 def flatten(advice: Iterable[Advice]) -> list[str]:
     """Return the warnings that are worth a line before a run."""
     return [text for item in advice if not item.slight for text in item.warnings]
@@ -80,7 +75,10 @@ def path_demand(scn: Scenario) -> PathDemand:
     friction = np.full(len(station), scn.friction)
     corners = np.reshape(scn.patches.corners_m, (-1, 4, 2))
     for quadrilateral, value in zip(corners, scn.patches.friction):
-        friction[_inside(quadrilateral, ref.X, ref.Y)] = value
+        inside = np.ones(len(ref.X), dtype=bool)  # of the convex quadrilateral
+        for (x, y), (x_next, y_next) in zip(quadrilateral, np.roll(quadrilateral, -1, axis=0)):
+            inside &= (x_next - x) * (ref.Y - y) - (y_next - y) * (ref.X - x) >= 0.0
+        friction[inside] = value
     return PathDemand(station, ref.t - ref.t[0], speed, lateral, friction)
 
 
@@ -88,15 +86,7 @@ def driven_demand(scn: Scenario) -> PathDemand:
     """Return what the coarse path asks for from where the car starts to the finish line."""
     demand = path_demand(scn)
     end = int(np.searchsorted(demand.station, finish_station(scn))) + 1
-    return PathDemand(*(column[_start_row(scn) : end] for column in demand))
-
-
-def _inside(corners, X, Y):
-    """Return whether points are in a convex quadrilateral, corners counter-clockwise (4, 2)."""
-    inside = np.ones(len(X), dtype=bool)
-    for (x, y), (x_next, y_next) in zip(corners, np.roll(corners, -1, axis=0)):
-        inside &= (x_next - x) * (Y - y) - (y_next - y) * (X - x) >= 0.0
-    return inside
+    return PathDemand(*(column[_nearest_row(scn, scn.start) : end] for column in demand))
 
 
 def finish_station(scn: Scenario) -> float:
@@ -114,7 +104,7 @@ def finish_station(scn: Scenario) -> float:
 
 def start_station(scn: Scenario) -> float:
     """Return the station [m] of the path beside which the car starts."""
-    return float(_stations(scn)[_start_row(scn)])
+    return float(_stations(scn)[_nearest_row(scn, scn.start)])
 
 
 def _short_path(scn, horizon_s):
@@ -140,7 +130,11 @@ def _missing_grip(demand: PathDemand) -> tuple[list[str], float]:
     if not stretches:
         return [], 0.0
     excess = np.abs(demand.lateral) - grip
-    wide = max(_run_wide(demand.t[rows], excess[rows]) for rows in stretches)
+    wide = 0.0  # how far a car is carried outwards by the acceleration that is missing
+    for rows in stretches:
+        t, a = demand.t[rows], excess[rows]
+        speed = running_sum((a[1:] + a[:-1]) / 2 * np.diff(t))
+        wide = max(wide, float(np.sum((speed[1:] + speed[:-1]) / 2 * np.diff(t))))
     k = int(np.argmax(use))
     speed, more = demand.speed[k], len(stretches) - 1
     others = f', and for too much at {more} other place{"s" * (more > 1)}' if more else ''
@@ -153,15 +147,9 @@ def _missing_grip(demand: PathDemand) -> tuple[list[str], float]:
     return [text], wide
 
 
-def _run_wide(t, excess):
-    """Return how far [m] a car is carried outwards by an acceleration (n,) that is missing."""
-    speed = running_sum((excess[1:] + excess[:-1]) / 2 * np.diff(t))
-    return float(np.sum((speed[1:] + speed[:-1]) / 2 * np.diff(t)))
-
-
 def _short_time(scn, demand: PathDemand):
     """Yield the warning that the run ends before a car at the desired speed can be there."""
-    begin = demand.t[_start_row(scn)]
+    begin = demand.t[_nearest_row(scn, scn.start)]
     finish = finish_station(scn)
     needed = float(np.interp(finish, demand.station, demand.t)) - begin
     if needed <= scn.stop.time:
@@ -172,9 +160,10 @@ def _short_time(scn, demand: PathDemand):
         for actor in scn.actors
         if actor.track is None
         and np.hypot(actor.obstacle.vX, actor.obstacle.vY) < MOVING
-        and _station_of(scn, demand, actor.obstacle) > reached
+        and demand.station[_nearest_row(scn, actor.obstacle)] > reached
     ]
-    obstacles = f', and before {_list("obstacle", ahead)}' if ahead else ''
+    named = f'obstacle{"s" * (len(ahead) > 1)} {", ".join(ahead)}'
+    obstacles = f', and before {named}' if ahead else ''
     yield (
         f'the run ends after {scn.stop.time:g} s (stop.time_s), with a car at the desired speed at '
         f'{reached:.0f} m, {finish - reached:.0f} m before the finish line{obstacles}: it needs '
@@ -182,18 +171,9 @@ def _short_time(scn, demand: PathDemand):
     )
 
 
-def _list(noun, words):
-    return f'{noun}{"s" if len(words) > 1 else ""} {", ".join(words)}'
-
-
-def _start_row(scn):
+def _nearest_row(scn, place):
     ref = scn.reference
-    return int(np.argmin(np.hypot(ref.X - scn.start.X, ref.Y - scn.start.Y)))
-
-
-def _station_of(scn, demand: PathDemand, obstacle):
-    ref = scn.reference
-    return demand.station[np.argmin(np.hypot(ref.X - obstacle.X, ref.Y - obstacle.Y))]
+    return int(np.argmin(np.hypot(ref.X - place.X, ref.Y - place.Y)))
 
 
 def _leaving_obstacles(scn):
@@ -204,10 +184,15 @@ def _leaving_obstacles(scn):
         speed = np.hypot(o.vX, o.vY)
         if actor.track is not None or speed < MOVING or until <= actor.appears:
             continue
+        # whether it begins along the road, in either direction
+        edge = scn.edges.right
+        i = int(np.argmin(np.hypot(edge[:, 0] - o.X, edge[:, 1] - o.Y)))
+        i = min(i, len(edge) - 2)
+        road = np.arctan2(*(edge[i + 1] - edge[i])[::-1])
+        if abs(np.sin(np.arctan2(o.vY, o.vX) - road)) >= np.sin(ALONG_ROAD_RAD):
+            continue
         since = np.arange(0.0, until - actor.appears, STEP_S)
         X, Y = o.X + o.vX * since, o.Y + o.vY * since
-        if not _drives_along(scn, o):
-            continue
         beyond = np.maximum(
             polyline.left_of(scn.edges.left, X, Y), -polyline.left_of(scn.edges.right, X, Y)
         )
@@ -223,13 +208,3 @@ def _leaving_obstacles(scn):
 
 def _stations(scn):
     return running_sum(steps(np.column_stack([scn.reference.X, scn.reference.Y])))
-
-
-def _drives_along(scn, o):
-    """Return whether an obstacle begins along the road, in either direction."""
-    edge = scn.edges.right
-    i = int(np.argmin(np.hypot(edge[:, 0] - o.X, edge[:, 1] - o.Y)))
-    i = min(i, len(edge) - 2)
-    road = np.arctan2(*(edge[i + 1] - edge[i])[::-1])
-    angle = np.arctan2(o.vY, o.vX) - road
-    return abs(np.sin(angle)) < np.sin(ALONG_ROAD_RAD)

@@ -6,12 +6,13 @@ names are dotted words: `min_v2o_per_obstacle_m.1`.
 
 import math
 import re
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Annotated, NamedTuple
 
-from msgs_yaml.strict_yaml import Item
+from msgs_yaml.strict_yaml import Item, Range, Struct, parse_value
 
 NAME = re.compile(r'[a-z][a-z0-9_]*(\.[A-Za-z0-9_]+)*')
-AT_LEAST, AT_MOST = 'at_least', 'at_most'
+_Number = Annotated[float, Range(-1e300, 1e300, '-')]
 
 
 class Expectation(NamedTuple):
@@ -41,36 +42,41 @@ class Expectation(NamedTuple):
         return ', '.join(parts)
 
 
+class _Bounds(Struct):
+    """Bounds of a number, one of them or both."""
+
+    at_least: _Number | None
+    at_most: _Number | None
+
+    def faults(self) -> Iterator[tuple[tuple[str, ...], str]]:
+        """Yield what is wrong beyond the single fields."""
+        if self.at_least is None and self.at_most is None:
+            yield (), 'is empty; allowed at_least, at_most or both'
+        elif (
+            self.at_least is not None and self.at_most is not None and self.at_least > self.at_most
+        ):
+            bounds = f'at_least {self.at_least:g} is above at_most {self.at_most:g}'
+            yield (), f'{bounds}; nothing could be both'
+
+
 class Expectations(tuple[Expectation, ...]):
     """What a scenario file expects, in its order."""
 
     @classmethod
     def from_item(cls, item: Item) -> 'Expectations':
         """Return the expectations in a node of a file. Raises YamlError."""
-        return cls(_parse(name, member) for name, member in item.items().items())
+        expected = []
+        for name, member in item.items().items():
+            if not NAME.fullmatch(name):
+                raise member.error('is no name of a metric; allowed a-z, 0-9, _ and dots')
+            value = member.value()
+            if isinstance(value, bool):
+                expected.append(Expectation(name, value))
+            elif isinstance(value, dict):
+                expected.append(Expectation(name, **vars(parse_value(_Bounds, member))))
+            else:
+                raise member.error('allowed true, false, or a block of at_least and at_most')
+        return cls(expected)
 
 
 NOTHING_EXPECTED = Expectations()
-
-
-def _parse(name, item):
-    if not NAME.fullmatch(name):
-        raise item.error('is no name of a metric; allowed a-z, 0-9, _ and dots')
-    value = item.value()
-    if isinstance(value, bool):
-        return Expectation(name, value=value)
-    if not isinstance(value, dict):
-        raise item.error('allowed true, false, or a block of at_least and at_most')
-    bounds = item.members((), (AT_LEAST, AT_MOST))
-    if not bounds:
-        raise item.error('is empty; allowed at_least, at_most or both')
-    for bound in bounds.values():
-        number = bound.value()
-        if isinstance(number, bool) or not isinstance(number, (int, float)):
-            raise bound.error('must be a number')
-        if not math.isfinite(number):
-            raise bound.error(f'is {number}; allowed finite numbers')
-    low, high = (value.get(bound) for bound in (AT_LEAST, AT_MOST))
-    if low is not None and high is not None and low > high:
-        raise item.error(f'at_least {low:g} is above at_most {high:g}; nothing could be both')
-    return Expectation(name, None, *(None if b is None else float(b) for b in (low, high)))

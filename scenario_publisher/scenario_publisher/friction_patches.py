@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from scenario_publisher import lines, schema
-from scenario_publisher.lines import Frame, Line
+from scenario_publisher.lines import Line
 from scenario_publisher.road_geometry import MIN_STRETCH
-from scenario_publisher.scenario_file import KeyedError
+from scenario_publisher.schema import KeyedError
 
 KEY = 'friction_patches'
 MAX_QUADRILATERALS = 16  # the plant takes no more
@@ -55,7 +55,14 @@ def build_patches(blocks: Sequence[schema.FrictionPatch], centre: Line) -> Patch
     corners, friction = [], []
     for i, block in enumerate(blocks):
         key = f'{KEY}[{i}]'
-        _check_extent(block, key, centre)
+        for low, high in (('from_m', 'to_m'), ('from_offset_m', 'to_offset_m')):
+            first, last = getattr(block, low), getattr(block, high)
+            if last - first < MIN_SIZE - lines.ROUNDING:
+                what = f'is {last:g} m, not {MIN_SIZE:g} m beyond {low}'
+                raise KeyedError(f'{key}.{high}', f'{what}; allowed {first + MIN_SIZE:g} m or more')
+        if block.to_m > centre.s[-1]:
+            what = f'lies beyond the road with {block.to_m:g}'
+            raise KeyedError(f'{key}.to_m', f'{what}; allowed up to {centre.s[-1]:.2f} m')
         free = MAX_QUADRILATERALS - len(friction)
         quads = _quadrilaterals(_stripe(block, key, centre), free)
         if len(quads) > free:
@@ -67,17 +74,6 @@ def build_patches(blocks: Sequence[schema.FrictionPatch], centre: Line) -> Patch
     return Patches(tuple(corners), tuple(friction))
 
 
-def _check_extent(block, key, centre):
-    for low, high in (('from_m', 'to_m'), ('from_offset_m', 'to_offset_m')):
-        first, last = getattr(block, low), getattr(block, high)
-        if last - first < MIN_SIZE - lines.ROUNDING:
-            what = f'is {last:g} m, not {MIN_SIZE:g} m beyond {low}'
-            raise KeyedError(f'{key}.{high}', f'{what}; allowed {first + MIN_SIZE:g} m or more')
-    if block.to_m > centre.s[-1]:
-        what = f'lies beyond the road with {block.to_m:g}'
-        raise KeyedError(f'{key}.to_m', f'{what}; allowed up to {centre.s[-1]:.2f} m')
-
-
 def _stripe(block, key, centre):
     count = 1 + int(np.ceil((block.to_m - block.from_m) / STATION_STEP))
     s = np.linspace(block.from_m, block.to_m, count)
@@ -85,19 +81,16 @@ def _stripe(block, key, centre):
     sides = {}
     for name in ('from_offset_m', 'to_offset_m'):
         side = np.column_stack(lines.offset_point(frame, getattr(block, name)))
-        _check_fold(side, s, frame, f'{key}.{name}')
+        psi = (frame.psi[:-1] + frame.psi[1:]) / 2
+        dX, dY = np.diff(side, axis=0).T
+        stretch = (dX * np.cos(psi) + dY * np.sin(psi)) / np.diff(s)
+        i = int(np.argmin(stretch))
+        if stretch[i] < MIN_STRETCH:
+            what = f'folds back in the bend at station {s[i]:.1f} m'
+            allowed = f'allowed less than {1 - MIN_STRETCH:g} of the radius'
+            raise KeyedError(f'{key}.{name}', f'{what}; {allowed}')
         sides[name] = side
     return Stripe(frame.psi, sides['from_offset_m'], sides['to_offset_m'])
-
-
-def _check_fold(side, s, frame: Frame, key):
-    psi = (frame.psi[:-1] + frame.psi[1:]) / 2
-    dX, dY = np.diff(side, axis=0).T
-    stretch = (dX * np.cos(psi) + dY * np.sin(psi)) / np.diff(s)
-    i = int(np.argmin(stretch))
-    if stretch[i] < MIN_STRETCH:
-        what = f'folds back in the bend at station {s[i]:.1f} m'
-        raise KeyedError(key, f'{what}; allowed less than {1 - MIN_STRETCH:g} of the radius')
 
 
 def _quadrilaterals(stripe, limit):

@@ -12,10 +12,9 @@ from scenario_publisher import actors, lines, schema
 from scenario_publisher.actors import Actor
 from scenario_publisher.lines import Frame, Line
 from scenario_publisher.road_geometry import Road, distance_outside
-from scenario_publisher.scenario_file import KeyedError
+from scenario_publisher.schema import KeyedError
 
 CAR_RADIUS = 1.1  # m, circle around the centre of gravity that stands for a car
-MAX_OBSTACLES = 200  # each may take two of the 400 markers that topics.yaml allows
 MOTION_STEP = 0.25  # m between the checked positions of a moving obstacle
 
 
@@ -56,15 +55,12 @@ def check_obstacles_touch_road(crowd: Sequence[Actor], road: Road, end: float) -
         if actor.appears >= end:
             what = f'is {actor.appears:g} s, when the run is over; allowed less than {end:g} s'
             raise KeyedError(f'{key}.appears_at_s', what)
-        gap = _distance_to_road(actor, road, min(end, actor.disappears))
+        X, Y = actors.positions(actor, min(end, actor.disappears), MOTION_STEP)
+        outside = np.max(distance_outside(road, X, Y), axis=0)
+        gap = float(np.min(outside)) - actor.obstacle.r_obs
         if gap >= 0.0:
             what = f'lies off the road by {gap:.2f} m at all times'
             raise KeyedError(key, f'{what}; allowed any place where it touches the road')
-
-
-def _distance_to_road(actor, road, until):
-    X, Y = actors.positions(actor, until, MOTION_STEP)
-    return float(np.min(np.max(distance_outside(road, X, Y), axis=0))) - actor.obstacle.r_obs
 
 
 def check_stop_is_ahead(path: Line, stop: schema.Stop, start: Frame) -> None:

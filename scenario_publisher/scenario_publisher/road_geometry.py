@@ -11,7 +11,7 @@ import numpy as np
 
 from scenario_publisher import lines, polyline, schema
 from scenario_publisher.lines import Frame, Line
-from scenario_publisher.scenario_file import KeyedError
+from scenario_publisher.schema import KeyedError
 
 MAX_SAMPLES = 40_000  # of a published line, as topics.yaml allows
 MAX_KAPPA = 0.2  # 1/m, the tightest circle a passenger car can turn
@@ -47,8 +47,13 @@ def sample_line(block: schema.Line, key: str, spacing: float) -> Line:
     """Return the line of the block `key`, sampled at most `spacing` [m] apart."""
     if isinstance(block, schema.PointLine):
         points = check_points(block.points_m, key, MAX_TURN)
-        _check_steps(points, key)
-        _check_count(np.ceil(polyline.steps(points).sum() / spacing) + 1, key)
+        steps = polyline.steps(points)
+        longer, shorter = np.maximum(steps[1:], steps[:-1]), np.minimum(steps[1:], steps[:-1])
+        for i in np.flatnonzero(longer / shorter > MAX_STEP_RATIO):
+            what = f'a gap of {longer[i]:.3g} m beside a step of {shorter[i]:.3g} m'
+            allowed = f'allowed at most {MAX_STEP_RATIO:g} times as long'
+            raise KeyedError(f'{key}.points_m[{i + 1}]', f'{what}; {allowed}')
+        _check_count(np.ceil(steps.sum() / spacing) + 1, key)
         line = lines.line_through_points(points, spacing)
     else:
         if not block.segments:
@@ -58,16 +63,31 @@ def sample_line(block: schema.Line, key: str, spacing: float) -> Line:
         _check_count(np.ceil(length / spacing) + 1, key)
         start = block.start
         line = lines.line_from_curves(curves, start.x_m, start.y_m, start.yaw_rad, spacing)
-    _check_curvature_and_extent(line, key)
+    i = int(np.argmax(np.abs(line.kappa)))
+    if abs(line.kappa[i]) > MAX_KAPPA:
+        what = f'has a curvature of {line.kappa[i]:.3g} 1/m at station {line.s[i]:.1f} m'
+        raise KeyedError(key, f'{what}; allowed -{MAX_KAPPA:g} to {MAX_KAPPA:g} 1/m')
+    extent = max(np.abs(line.X).max(), np.abs(line.Y).max())
+    if extent > MAX_COORDINATE:
+        what = f'reaches a coordinate of {extent:.0f} m'
+        raise KeyedError(key, f'{what}; allowed -{MAX_COORDINATE:g} to {MAX_COORDINATE:g} m')
     return line
 
 
 def _curve(segment, key):
-    ((kind, piece),) = vars(segment).items()
-    try:
-        return getattr(lines, kind)(*vars(piece).values())
-    except ValueError as reason:  # of a lane change
-        raise KeyedError(f'{key}.{kind}.offset_m', str(reason)) from None
+    match segment:
+        case schema.StraightSegment(piece):
+            return lines.straight(piece.length_m)
+        case schema.ArcSegment(piece):
+            return lines.arc(piece.length_m, piece.curvature_1pm)
+        case schema.ClothoidSegment(piece):
+            ends = piece.start_curvature_1pm, piece.end_curvature_1pm
+            return lines.clothoid(piece.length_m, *ends)
+        case schema.LaneChangeSegment(piece):
+            try:
+                return lines.lane_change(piece.length_m, piece.offset_m)
+            except ValueError as reason:
+                raise KeyedError(f'{key}.lane_change.offset_m', str(reason)) from None
 
 
 def check_points(rows: Sequence, key: str, max_turn: float) -> np.ndarray:
@@ -97,30 +117,10 @@ def build_table(stations: Sequence, values: Sequence, key: str, name: str) -> np
     return np.column_stack([stations, values])
 
 
-def _check_steps(points, key):
-    steps = polyline.steps(points)
-    longer, shorter = np.maximum(steps[1:], steps[:-1]), np.minimum(steps[1:], steps[:-1])
-    for i in np.flatnonzero(longer / shorter > MAX_STEP_RATIO):
-        what = f'a gap of {longer[i]:.3g} m beside a step of {shorter[i]:.3g} m'
-        allowed = f'allowed at most {MAX_STEP_RATIO:g} times as long'
-        raise KeyedError(f'{key}.points_m[{i + 1}]', f'{what}; {allowed}')
-
-
 def _check_count(count, key):
     if count > MAX_SAMPLES:
         what = f'needs {count:.0f} samples; allowed at most {MAX_SAMPLES}'
         raise KeyedError(key, f'{what} (shorten it, or widen `sampling`)')
-
-
-def _check_curvature_and_extent(line, key):
-    i = int(np.argmax(np.abs(line.kappa)))
-    if abs(line.kappa[i]) > MAX_KAPPA:
-        what = f'has a curvature of {line.kappa[i]:.3g} 1/m at station {line.s[i]:.1f} m'
-        raise KeyedError(key, f'{what}; allowed -{MAX_KAPPA:g} to {MAX_KAPPA:g} 1/m')
-    extent = max(np.abs(line.X).max(), np.abs(line.Y).max())
-    if extent > MAX_COORDINATE:
-        what = f'reaches a coordinate of {extent:.0f} m'
-        raise KeyedError(key, f'{what}; allowed -{MAX_COORDINATE:g} to {MAX_COORDINATE:g} m')
 
 
 def build_road(block: schema.Road, spacing: float) -> Road:
@@ -149,18 +149,6 @@ def _edge(block, side, key, centre, spacing):
     else:
         table = build_table(block.stations_m, block.offsets_m, key, 'offsets_m')
         keys = [f'{key}.offsets_m[{i}]' for i in range(len(table))]
-    _check_edge_table(table, side, keys)
-    offset = np.interp(centre.s, *table.T)
-    stretch = 1.0 - centre.kappa * offset
-    i = int(np.argmin(stretch))
-    if stretch[i] < MIN_STRETCH:
-        what = f'folds back in the bend of radius {1 / abs(centre.kappa[i]):.3g} m at station '
-        what += f'{centre.s[i]:.1f} m; allowed less than {1 - MIN_STRETCH:g} of the radius'
-        raise KeyedError(key, what)
-    return np.column_stack(lines.offset_point(Frame(centre.X, centre.Y, centre.psi), offset))
-
-
-def _check_edge_table(table, side, keys):
     low, high = sorted((side * MIN_EDGE_OFFSET, side * MAX_EDGE_OFFSET))
     for i in np.flatnonzero((table[:, 1] < low) | (table[:, 1] > high)):
         what = f'is {table[i, 1]:g} (left is positive, edges must not cross)'
@@ -169,6 +157,14 @@ def _check_edge_table(table, side, keys):
         s, offset = table[i + 1] - table[i]
         what = f'jumps by {offset:g} m within {s:g} m'
         raise KeyedError(keys[i + 1], f'{what}; allowed at most {MAX_EDGE_SLOPE:g} m per metre')
+    offset = np.interp(centre.s, *table.T)
+    stretch = 1.0 - centre.kappa * offset
+    i = int(np.argmin(stretch))
+    if stretch[i] < MIN_STRETCH:
+        what = f'folds back in the bend of radius {1 / abs(centre.kappa[i]):.3g} m at station '
+        what += f'{centre.s[i]:.1f} m; allowed less than {1 - MIN_STRETCH:g} of the radius'
+        raise KeyedError(key, what)
+    return np.column_stack(lines.offset_point(Frame(centre.X, centre.Y, centre.psi), offset))
 
 
 def _polyline_edge(block, side, key, centre, spacing):

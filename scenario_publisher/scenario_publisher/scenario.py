@@ -9,23 +9,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msgs_yaml import missing_file, share
+from msgs_yaml import missing_file, share, strict_yaml
 from msgs_yaml.missing_file import YAML_SUFFIXES
-from msgs_yaml.strict_yaml import YamlError, closest
+from msgs_yaml.strict_yaml import Struct, YamlError, closest
 from msgs_yaml.types import Obstacles, Reference, RoadEdges
-from node_runtime import typed_yaml
-from node_runtime.parameters import Struct
-from scenario_publisher import actors, lines, plausibility, road_geometry, scenario_file, schema
+from scenario_publisher import actors, lines, plausibility, road_geometry, schema
 from scenario_publisher.actors import Actor
 from scenario_publisher.expectations import NOTHING_EXPECTED, Expectations
 from scenario_publisher.friction_patches import Patches, build_patches
 from scenario_publisher.lines import Line
 from scenario_publisher.polyline import running_sum
-from scenario_publisher.scenario_file import KeyedError, ScenarioError
+from scenario_publisher.schema import KeyedError, ScenarioError
 
 PACKAGE = 'scenario_publisher'
 FOLDER = 'scenarios'
 SUFFIX = '.yaml'
+MAX_BYTES = 8_000_000  # of a file
 # ROS reads stamp 0 as "no time", so every run begins one second later
 START_NS = 1_000_000_000
 # what a scenario is refused for, in this order
@@ -111,22 +110,32 @@ def load(name_or_path: str | os.PathLike) -> Scenario:
     file, the available scenarios or files.
     """
     path = _find(os.fspath(name_or_path))
-    return parse(scenario_file.read(path), str(path))
+    try:
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise ScenarioError(f'{path}: has {size} bytes; allowed at most {MAX_BYTES} bytes')
+        text = path.read_text(encoding='utf-8')
+    except OSError as error:
+        raise ScenarioError(f'{path}: {error.strerror or error}') from None
+    except UnicodeDecodeError as error:
+        raise ScenarioError(f'{path}: is no UTF-8 text: {error.reason}') from None
+    return parse(text, str(path))
 
 
 def parse(text: str, source: str) -> Scenario:
     """Return the scenario of a YAML text; `source` is the file name that errors show."""
-    root = scenario_file.parse_yaml(text, source)
+    check = ''
     try:
-        return _build(typed_yaml.parse_value(schema.File, root), text)
+        root = strict_yaml.parse(text, source)
+        check = KEYS
+        return _build(strict_yaml.parse_value(schema.File, root), text)
     except KeyedError as error:
-        refused = scenario_file.error_at(root, *error.args)
-        refused.check = error.check
-        raise refused from None
+        refused, check = root.error_at(*error.args), error.check
     except YamlError as error:
-        refused = ScenarioError(str(error))
-        refused.check = KEYS
-        raise refused from None
+        refused = error
+    told = ScenarioError(str(refused))
+    told.check = check
+    raise told
 
 
 @contextmanager
@@ -207,10 +216,17 @@ def _build(file, text):
     with _checking(PATH):
         path = road_geometry.sample_line(file.path, 'path', file.sampling.path_m)
         plausibility.check_path_on_road(path, road, file.sampling.edges_m)
+    given = [] if file.start.speed_mps is None else [('start.speed_mps', file.start.speed_mps)]
     with _checking(SPEED):
-        speed = _speed_table(file.speed)
+        if isinstance(file.speed, schema.ConstantSpeed):
+            given.append(('speed.constant_mps', file.speed.constant_mps))
+            speed = np.array([[0.0, file.speed.constant_mps]])
+        else:
+            rows = file.speed.stations_m, file.speed.speeds_mps
+            given += [(f'speed.speeds_mps[{i}]', mps) for i, mps in enumerate(rows[1])]
+            speed = road_geometry.build_table(*rows, 'speed', 'speeds_mps')
     with _checking(OBSTACLES):
-        crowd = _place_actors(file.obstacles, road.centre)
+        crowd = actors.place_actors(file.obstacles, road.centre)
         plausibility.check_obstacles_touch_road(crowd, road, file.stop.time_s)
     with _checking(FINISH):
         start = _start(file.start, path, speed)
@@ -220,10 +236,13 @@ def _build(file, text):
         plausibility.check_start_is_free(start, road, crowd, file.sampling.edges_m)
     with _checking(PATCHES):
         patches = build_patches(file.friction_patches, road.centre)
+    # at the desired speed; between two samples it is that desired in the middle
+    middle = (path.s[:-1] + path.s[1:]) / 2
+    t = running_sum(np.diff(path.s) / np.interp(middle, *speed.T))
     scn = Scenario(
         name=file.name,
         description=file.description,
-        reference=Reference(START_NS, path.X, path.Y, path.psi, _travel_times(path, speed)),
+        reference=Reference(START_NS, path.X, path.Y, path.psi, t),
         edges=RoadEdges(START_NS, road.left, road.right),
         obstacles=Obstacles(START_NS, ()),
         friction=file.friction,
@@ -232,49 +251,10 @@ def _build(file, text):
         text=text,
         actors=crowd,
         patches=patches,
-        speeds=_given_speeds(file),
+        speeds=tuple(GivenSpeed(*pair) for pair in given),
         expect=file.expect,
     )
     return scn._replace(obstacles=obstacles_at(scn, 0.0, START_NS))
-
-
-def _given_speeds(file):
-    start = file.start.speed_mps
-    speeds = [] if start is None else [GivenSpeed('start.speed_mps', start)]
-    if isinstance(file.speed, schema.ConstantSpeed):
-        return (*speeds, GivenSpeed('speed.constant_mps', file.speed.constant_mps))
-    table = enumerate(file.speed.speeds_mps)
-    return (*speeds, *(GivenSpeed(f'speed.speeds_mps[{i}]', speed) for i, speed in table))
-
-
-def _speed_table(block):
-    """Return rows (station, desired speed), (n, 2)."""
-    if isinstance(block, schema.ConstantSpeed):
-        return np.array([[0.0, block.constant_mps]])
-    return road_geometry.build_table(block.stations_m, block.speeds_mps, 'speed', 'speeds_mps')
-
-
-def _travel_times(path: Line, speed: np.ndarray) -> np.ndarray:
-    """Return the time [s] of each sample at the desired speed, rows (station, speed).
-
-    Between two samples the speed is that desired in the middle.
-    """
-    middle = (path.s[:-1] + path.s[1:]) / 2
-    return running_sum(np.diff(path.s) / np.interp(middle, *speed.T))
-
-
-def _place_actors(blocks, centre):
-    if len(blocks) > plausibility.MAX_OBSTACLES:
-        what = f'has {len(blocks)} obstacles; allowed at most {plausibility.MAX_OBSTACLES}'
-        raise KeyedError('obstacles', what)
-    for i, block in enumerate(blocks):
-        if isinstance(block, schema.RoadObstacle) and block.station_m > centre.s[-1]:
-            what = f'lies beyond the road with {block.station_m:g}; allowed 0 to '
-            raise KeyedError(f'obstacles[{i}].station_m', f'{what}{centre.s[-1]:.2f} m')
-    return tuple(
-        actors.place_actor(i + 1, block, centre, f'obstacles[{i}]')
-        for i, block in enumerate(blocks)
-    )
 
 
 def _start(block, path, speed):

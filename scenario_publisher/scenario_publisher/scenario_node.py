@@ -3,7 +3,7 @@
 import sys
 
 from msgs_yaml import decode, encode, raw_scenario, share
-from node_runtime import help_node, ros, spin_node
+from node_runtime import ros, spin_node
 from node_runtime.clocks import SteadyClock
 from node_runtime.managed_node import ManagedNode
 from scenario_publisher import scenario
@@ -113,8 +113,7 @@ def main():
     """Run the node."""
     about = 'Publish the road, the path and the obstacles of a scenario.'
     example = '--ros-args -p mode:=realtime -p scenario:=moving_obstacle'
-    help_node.parse(help_node.parser(about, example))
-    return spin_node.spin(ScenarioNode)
+    return spin_node.run(ScenarioNode, about, example)
 
 
 if __name__ == '__main__':

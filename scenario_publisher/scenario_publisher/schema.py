@@ -3,15 +3,11 @@
 docs/scenarios.md gives the meaning of each key; a test keeps both equal.
 """
 
-from dataclasses import make_dataclass
-from functools import reduce
 from math import inf
-from operator import or_
 from typing import Annotated, Literal
 
+from msgs_yaml.strict_yaml import Pattern, Range, Struct, YamlError
 from node_runtime import parameters
-from node_runtime.parameters import Range, Struct
-from node_runtime.typed_yaml import Pattern
 from scenario_publisher.expectations import NOTHING_EXPECTED, Expectations
 
 STRAIGHT, ALONG_ROAD = 'straight', 'along_road'  # of obstacles[].motion
@@ -35,6 +31,24 @@ Spacing = Annotated[float, Range(0.1, 5.0, 'm')]
 Friction = Annotated[float, parameters.ROAD_FRICTION]
 Name = Annotated[str, Pattern('[a-z][a-z0-9_]{0,63}', '1 to 64 of a-z, 0-9, _, the first a letter')]
 Text = Annotated[str, Pattern(r'(?s).{1,1000}', '1 to 1000 characters')]
+
+
+class ScenarioError(YamlError):
+    """A scenario that cannot be used; the text names file, line, dotted key and what is allowed.
+
+    check   what of `scenario.CHECKS` did not hold, '' before any of them
+    """
+
+    check = ''
+
+
+class KeyedError(Exception):
+    """A mistake beyond the schema: a dotted key of the file, and what is wrong with its value.
+
+    check   what of `scenario.CHECKS` does not hold
+    """
+
+    check = ''
 
 
 class Pose(Struct):
@@ -73,14 +87,31 @@ class LaneChange(Struct):
     offset_m: Offset
 
 
-def _tagged_union(**kinds: type):
-    """Return the alternatives of a block with one key, which names the kind of its value."""
-    blocks = (make_dataclass(key, [(key, kind)], frozen=True) for key, kind in kinds.items())
-    return reduce(or_, blocks)
+class StraightSegment(Struct):
+    """A block with one key."""
+
+    straight: Straight
 
 
-# the functions of `lines` have these names, and their arguments the order of the fields
-Segment = _tagged_union(straight=Straight, arc=Arc, clothoid=Clothoid, lane_change=LaneChange)
+class ArcSegment(Struct):
+    """A block with one key."""
+
+    arc: Arc
+
+
+class ClothoidSegment(Struct):
+    """A block with one key."""
+
+    clothoid: Clothoid
+
+
+class LaneChangeSegment(Struct):
+    """A block with one key."""
+
+    lane_change: LaneChange
+
+
+Segment = StraightSegment | ArcSegment | ClothoidSegment | LaneChangeSegment
 
 
 class SegmentLine(Struct):
@@ -201,11 +232,14 @@ class WaypointObstacle(Struct):
     disappears_at_s: Time = inf
 
 
+Obstacle = MapObstacle | RoadObstacle | WaypointObstacle
+
+
 class StartOnPath(Struct):
     """A start on the coarse path, along it; the speed defaults to the desired one there."""
 
     progress_m: Station
-    speed_mps: StartSpeed = None
+    speed_mps: StartSpeed | None = None
     lateral_mps: LateralSpeed = 0.0
     yaw_rate_radps: YawRate = 0.0
 
@@ -226,7 +260,7 @@ class Stop(Struct):
 
     progress_m: Annotated[float, Range(1.0, 20000.0, 'm')]
     time_s: Annotated[float, parameters.RUN_TIME]
-    standstill_s: Annotated[float, parameters.RUN_TIME] = None
+    standstill_s: Annotated[float, parameters.RUN_TIME] | None = None
 
 
 class Sampling(Struct):
@@ -248,7 +282,7 @@ class File(Struct):
     friction: Friction
     start: StartOnPath | StartPose
     stop: Stop
-    obstacles: tuple[MapObstacle | RoadObstacle | WaypointObstacle, ...]
+    obstacles: tuple[Obstacle, ...]
     sampling: Sampling = Sampling()
     friction_patches: tuple[FrictionPatch, ...] = ()
     expect: Expectations = NOTHING_EXPECTED

@@ -15,7 +15,7 @@ import numpy as np
 from scenario_publisher import lines, schema
 from scenario_publisher.lines import Line
 from scenario_publisher.polyline import running_sum, steps
-from scenario_publisher.scenario_file import KeyedError
+from scenario_publisher.schema import KeyedError
 
 SPACING = 0.1  # m between the points of a way; at 30 m of radius a turn of 0.003 rad
 MIN_LEG = 0.1  # m between two way-points

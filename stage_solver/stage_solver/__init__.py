@@ -10,19 +10,17 @@ Problem (module stage_problem):
 
 Solver (modules solver, solution):
     make_solver     (StageProblem, SolverOptions) -> StageSolver
-    SolverOptions   solver ('riccati', 'fatrop', 'ipopt'), limits, tolerance; OneStep
+    SolverOptions   limits of iterations and time, tolerance; OneStep
     StageSolver     solve(x0, P, bounds, guess) -> Solution, set_time_limit(seconds)
     Solution        plan, cost, status (SOLVED, ONE_STEP, STOPPED_EARLY, FAILED), residuals, times
 
 Modules to import on their own:
-    compile_cache   C source -> shared library, compiled once per machine (needs no CasADi)
+    compile_cache       C source -> shared library, compiled once per machine (needs no CasADi)
+    reference_solvers   fatrop and IPOPT on the same problems, for tests and benchmarks
 
 Inside:
-    riccati_solver       the interior-point method; riccati_codegen writes its C source, with
-                         expression_graph and vector_codegen for the stage functions
-    nlpsol_solver        fatrop and IPOPT, by nlpsol_backend and fatrop; fatrop_guard says where
-                         fatrop would fail
-    stage_functions      functions and derivatives of a stage; nlp_functions those of the whole NLP
+    riccati_codegen      writes the C source of a solver, with expression_graph and vector_codegen
+                         for the functions of the stages and their derivatives
     compiled_functions   CasADi functions as machine code, and calls without copies
     validation           checks of the arguments of a solve
 
@@ -39,9 +37,9 @@ _NAMES = {
     ),
     'solution': (
         *('FAILED', 'ONE_STEP', 'SOLVED', 'STOPPED_EARLY'),
-        *('OneStep', 'Solution', 'SolverOptions', 'StageSolver'),
+        *('OneStep', 'Solution', 'SolverOptions'),
     ),
-    'solver': ('make_solver',),
+    'solver': ('StageSolver', 'make_solver'),
 }
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = sorted(_MODULES)

@@ -5,13 +5,10 @@ Compiled functions give the same results two to five times faster. Their C sourc
 arguments.
 """
 
-import functools
-
 import casadi as ca
 import numpy as np
 
 from stage_solver import compile_cache
-from stage_solver.stage_problem import MAX_CACHED_PROBLEMS
 
 # no -ffast-math and no fused multiply-add, so that interpreter and machine code agree
 FLAGS = ('-O2', '-ffp-contract=off')
@@ -22,20 +19,13 @@ def compile_functions(
 ) -> dict[str, ca.Function]:
     """Return the functions loaded from a shared library called `name`.
 
-    Raises CompileError where there is neither a library of them nor a working C compiler.
+    Raises CompileError without a working C compiler.
     """
-    source = c_source(tuple(functions.values()), name)
-    library = compile_cache.compile_library(source, name, flags)
-    return {name: ca.external(name, str(library)) for name in functions}
-
-
-@functools.lru_cache(MAX_CACHED_PROBLEMS)  # CasADi functions are compared by identity
-def c_source(functions: tuple[ca.Function, ...], name: str) -> str:
-    """Return one C file with all functions; it contains code that they share once."""
     generator = ca.CodeGenerator(name)
-    for function in functions:
+    for function in functions.values():
         generator.add(function)
-    return generator.dump()
+    library = compile_cache.compile_library(generator.dump(), name, flags)
+    return {name: ca.external(name, str(library)) for name in functions}
 
 
 class BufferedFunction:

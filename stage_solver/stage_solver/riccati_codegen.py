@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from stage_solver import stage_functions, vector_codegen
+from stage_solver import vector_codegen
 from stage_solver.expression_graph import ExpressionGraph
 from stage_solver.stage_problem import MAX_CACHED_PROBLEMS, StageProblem
 
@@ -45,17 +45,31 @@ class StageModel(NamedTuple):
     slope: ca.Function  # (w, p, lam, y) -> dL/dw
 
 
+def evaluate_stage(problem: StageProblem, x: ca.SX, u: ca.SX, p: ca.SX) -> tuple[ca.SX, ...]:
+    """Return next state, cost and g of a stage; states and inputs are in solver units."""
+    scale_x = ca.DM(problem.scale_x)
+    arguments = x * scale_x, u * ca.DM(problem.scale_u), p
+    x_next = problem.dynamics(*arguments) / scale_x
+    return x_next, problem.stage_cost(*arguments), problem.constraints(*arguments)
+
+
+def evaluate_last_stage(problem: StageProblem, x: ca.SX, p: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return cost and h of stage N; the state is in solver units."""
+    x = x * ca.DM(problem.scale_x)
+    return problem.terminal_cost(x, p), problem.terminal_constraints(x, p)
+
+
 def make_stage(problem: StageProblem) -> StageModel:
     """Return the functions of stages 0..N-1."""
     w, p = ca.SX.sym('w', problem.nu + problem.nx), ca.SX.sym('p', problem.np)
-    values = stage_functions.evaluate_stage(problem, w[problem.nu :], w[: problem.nu], p)
+    values = evaluate_stage(problem, w[problem.nu :], w[: problem.nu], p)
     return _model('stage', w, p, *values)
 
 
 def make_last_stage(problem: StageProblem) -> StageModel:
     """Return the functions of stage N, where w is the state alone and there are no dynamics."""
     w, p = ca.SX.sym('w', problem.nx), ca.SX.sym('p', problem.np)
-    values = stage_functions.evaluate_last_stage(problem, w, p)
+    values = evaluate_last_stage(problem, w, p)
     return _model('last', w, p, ca.SX(0, 1), *values)
 
 

@@ -3,11 +3,9 @@
 import math
 import time
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
-import numpy as np
-
-from stage_solver.stage_problem import Bounds, Plan
+from stage_solver.stage_problem import Plan
 
 SOLVED, STOPPED_EARLY, FAILED = 'solved', 'stopped_early', 'failed'
 ONE_STEP = 'one_step'  # not converged, but the first step satisfies `OneStep`
@@ -22,14 +20,12 @@ class OneStep(NamedTuple):
 
 @dataclass(frozen=True)
 class SolverOptions:
-    """Which solver, and when it stops."""
+    """When a solve stops."""
 
-    name: str = 'riccati'  # or 'fatrop', 'ipopt'
     max_iterations: int = 100
     tolerance: float = 1e-6  # of the optimality conditions, in solver units
     time_limit_s: float | None = None  # wall time of one solve; None: no limit
-    compiled: bool = True  # the problem's functions as C; else CasADi's interpreter
-    one_step: OneStep | None = None  # None: always converge, as fatrop and IPOPT do
+    one_step: OneStep | None = None  # None: always converge
 
 
 class Solution(NamedTuple):
@@ -49,22 +45,6 @@ class Solution(NamedTuple):
     dual_residual: float
     solve_s: float  # wall time of the whole call
     cpu_s: float = math.nan  # processor time of the calling thread
-
-
-class StageSolver(Protocol):
-    """Solves one problem repeatedly with other initial states, parameters, bounds and guesses."""
-
-    name: str  # of the solver
-
-    def solve(self, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan) -> Solution:
-        """Return the solution from state x0 (nx,) with stage parameters P (N + 1, np), SI units.
-
-        A guess with multipliers is a warm start of 'riccati'. Raises ProblemError when an array
-        has the wrong shape.
-        """
-
-    def set_time_limit(self, seconds: float) -> None:
-        """Limit the wall time of later solves, if the options have a limit; IPOPT keeps theirs."""
 
 
 class Stopwatch:

@@ -44,21 +44,3 @@ def find_invalid_argument(
             at = tuple(bad[0])
             return f'no value of {kind}{list(map(int, at))} lies in [{low[at]}, {high[at]}]'
     return ''
-
-
-def find_non_finite_value(
-    problem: StageProblem, cost: float, constraints: np.ndarray, gradient: np.ndarray
-) -> str:
-    """Return a message about the first function of the NLP that is not finite at the guess, or ''.
-
-    `constraints` and `gradient` are in the order of `nlp_functions`.
-    """
-    for label, values, rows in (
-        ('the constraints are', constraints, problem.nx + problem.ng),
-        ('the gradient is', gradient, problem.nx + problem.nu),
-    ):
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            stage = min(bad[0] // rows, problem.horizon)
-            return f'{label} not finite at stage {stage} of the guess'
-    return '' if np.isfinite(cost) else 'the cost of the guess is not finite'

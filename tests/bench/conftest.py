@@ -20,10 +20,10 @@ LOOPS = (
 
 
 def small(name):
-    """Return a controller with a short horizon and interpreted functions."""
+    """Return a controller with a short horizon."""
     params = closed_loops.controller_params(name)
     model = replace(params.model, horizon=HORIZON)
-    return replace(params, model=model, solver=replace(params.solver, compiled=False))
+    return replace(params, model=model)
 
 
 @pytest.fixture(scope='session', name='small')

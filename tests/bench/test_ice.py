@@ -36,7 +36,7 @@ def test_on_drawn_roads_no_solver_fails(number):
         (ice.Result({'shifted: plan_not_feasible': 1}, 1.0, 20.0), 0),
         (ice.Result({}, 5.1, 20.0), 1),
         (ice.Result({}, float('nan'), 20.0), 1),
-        (ice.Result({'second_solver: solver_failed': 1}, 1.0, 20.0), 1),
+        (ice.Result({'shifted: solver_failed': 1}, 1.0, 20.0), 1),
     ],
 )
 def test_the_exit_code_tells_of_slides_and_failures(monkeypatch, capsys, result, code):

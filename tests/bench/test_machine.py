@@ -39,16 +39,6 @@ def test_the_time_of_the_processors_adds_up():
     assert spent.busy_s <= os.cpu_count() * (passed_s + 0.05)
 
 
-def test_stolen_time_is_not_busy_time(monkeypatch, tmp_path):
-    lines = tmp_path / 'stat'
-    lines.write_text('cpu  100 20 30 4000 50 6 7 8 9 10\ncpu0 1 2 3\n')
-    monkeypatch.setattr(machine, 'TIMES', lines)
-    tick_s = 1 / os.sysconf('SC_CLK_TCK')
-    assert machine.cpu_times() == pytest.approx((163 * tick_s, 8 * tick_s))
-    lines.write_text('')
-    assert machine.cpu_times() is None
-
-
 def test_pinning_leaves_one_core(cores):
     core = machine.pin()
     assert os.sched_getaffinity(0) == {max(cores)}

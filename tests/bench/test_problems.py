@@ -1,23 +1,22 @@
-"""The recorded problems: the same every time, complete, and what they claim to be."""
+"""The problems of closed loops: the same every time, what they claim to be, and warm starts."""
 
-import active_limits
+from itertools import pairwise
+
 import closed_loops
 import numpy as np
 import problems
 import pytest
+from problems import COLD, FIRST, POP_UP, WARM
 
 from mpcc_controller.model.single_track import State
-from mpcc_controller.problem import mpcc_formulation, ocp
+from mpcc_controller.problem import mpcc_formulation
 from node_runtime import named_vector
-from stage_solver.stage_problem import ProblemError
+from stage_solver.reference_solvers import ReferenceSolver
+from stage_solver.solution import FAILED, Solution, SolverOptions
 
 
-def arrays(given):
-    return given._replace(bounds=None)._asdict() | given.bounds._asdict()
-
-
-def vars_of(bounds):
-    return bounds._asdict().items()
+def fatrop(problem):
+    return ReferenceSolver(problem, 'fatrop', SolverOptions())
 
 
 def stage_numbers(P):
@@ -25,88 +24,87 @@ def stage_numbers(P):
 
 
 def test_the_same_loops_give_the_same_problems_to_the_last_bit(recorded, driven_loops, small):
-    again = arrays(problems.record(driven_loops, small))
-    for name, array in arrays(recorded).items():
-        np.testing.assert_array_equal(array, again[name], err_msg=name)
+    for one, again in zip(recorded, problems.record(driven_loops, small), strict=True):
+        assert (one.loop, one.tick) == (again.loop, again.tick)
+        for a, b in zip(named_vector.leaves(one[2:]), named_vector.leaves(again[2:]), strict=True):
+            np.testing.assert_array_equal(a, b)
 
 
-def test_a_file_gives_back_what_was_recorded(recorded, problem, tmp_path):
-    problems.save(recorded, tmp_path / 'problems.npz')
-    read = arrays(problems.load(tmp_path / 'problems.npz', problem))
-    for name, array in arrays(recorded).items():
-        np.testing.assert_array_equal(array, read[name], err_msg=name)
-
-
-def test_the_file_of_another_problem_is_refused(recorded, params, tmp_path):
-    problems.save(recorded, tmp_path / 'problems.npz')
-    longer = ocp.build(mpcc_formulation.symbolic_ocp(1, 4), params.model.horizon + 1, 0.05)
-    with pytest.raises(ProblemError, match='another control problem'):
-        problems.load(tmp_path / 'problems.npz', longer)
-    wider = ocp.build(mpcc_formulation.symbolic_ocp(1, 5), params.model.horizon, 0.05)
-    with pytest.raises(ProblemError, match='another control problem'):
-        problems.load(tmp_path / 'problems.npz', wider)
-
-
-def test_problems_continue_tick_by_tick_within_a_loop_and_never_across(recorded):
-    assert list(recorded.tick) == [*range(55, 62), *range(17, 24)]
-    starts = [k for k in range(len(recorded.tick)) if not recorded.continues(k)]
-    assert starts == [0, 7]
+def test_the_ticks_of_each_loop_are_recorded(recorded):
+    assert [posed.tick for posed in recorded] == [*range(55, 62), *range(17, 24)]
+    assert [posed.loop for posed in recorded] == ['swerve'] * 7 + ['pop-up'] * 7
 
 
 def test_every_guess_begins_where_the_car_is(recorded):
-    for x0, cold, driven in zip(recorded.x0, recorded.cold_X, recorded.driven_X):
-        np.testing.assert_array_equal(cold[0], x0)
-        np.testing.assert_allclose(driven[0], x0, atol=1e-9)
+    for posed in recorded:
+        np.testing.assert_array_equal(posed.cold.X[0], posed.x0)
 
 
 def test_an_obstacle_popped_up_in_the_distance_that_was_asked_for(recorded):
-    assert list(recorded.tick[recorded.pop_up]) == [60, 18]
-    for k, P in zip(recorded.pop_up, recorded.pop_up_P):
-        before, after = (stage_numbers(q).obstacles for q in (recorded.P[k], P))
+    surprised = [posed for posed in recorded if posed.pop_up_P is not None]
+    assert [posed.tick for posed in surprised] == [60, 18]
+    for posed in surprised:
+        before, after = (stage_numbers(P).obstacles for P in (posed.P, posed.pop_up_P))
         known = {(o.X[0], o.Y[0]) for o in before}
         new = [o for o in after if (o.X[0], o.Y[0]) not in known and o.r_obs[0] > 0]
         assert len(new) == 1
-        x = State(*recorded.x0[k])
+        x = State(*posed.x0)
         away = np.hypot(new[0].X[0] - x.X, new[0].Y[0] - x.Y)
         assert 13 < away < 41
 
 
-def test_a_pop_up_changes_nothing_but_the_obstacles(recorded):
-    for k, P in zip(recorded.pop_up, recorded.pop_up_P):
-        changed = np.any(recorded.P[k] != P, axis=0)
-        names = {str(name) for name in recorded.parameters[changed]}
-        assert names
-        assert all(name.startswith('obstacles.') for name in names)
+def test_a_pop_up_changes_nothing_but_the_obstacles(recorded, problem):
+    for posed in recorded:
+        if posed.pop_up_P is not None:
+            changed = np.any(posed.pop_up_P != posed.P, axis=0)
+            names = {name for name, is_new in zip(problem.parameters, changed) if is_new}
+            assert names
+            assert all(name.startswith('obstacles.') for name in names)
 
 
-def test_loops_without_a_tick_for_a_pop_up_are_refused(small):
-    one = closed_loops.FULL[0]._replace(ticks=range(1, 3))
-    with pytest.raises(ValueError, match='no tick for a pop-up'):
-        problems.record([one], small)
+def tasks_of(problem, recorded, params, solver):
+    return problems.tasks(problem, recorded, params.fallback, solver, 5)
 
 
-def test_activity_follows_the_plan_and_its_limits(recorded, problem):
-    def found(given):
-        return active_limits.find_active(problem, given, 1, 4)
+def test_only_the_first_tick_of_a_loop_has_to_start_cold(problem, recorded, params):
+    given = tasks_of(problem, recorded, params, fatrop(problem))
+    kinds = [task.kind for task in given]
+    assert kinds == [FIRST, *[WARM] * 6] * 2 + [COLD] * 3 + [POP_UP] * 2
+    for task, k in zip(given[14:17], (0, 5, 10)):
+        np.testing.assert_array_equal(task.start.X, recorded[k].cold.X)
+        np.testing.assert_array_equal(task.P, recorded[k].cold_P)
+    surprised = [k for k, posed in enumerate(recorded) if posed.pop_up_P is not None]
+    for task, k in zip(given[17:], surprised):
+        assert task.start is given[k].start
+        assert not np.array_equal(task.P, given[k].P)
 
-    limits = recorded.bounds
-    open_wide = {n: np.full_like(v, -np.inf if 'low' in n else np.inf) for n, v in vars_of(limits)}
-    free = recorded._replace(bounds=limits._replace(**open_wide))
-    active = found(free)
-    assert active['obstacle'].any()
-    assert not any(active[kind].any() for kind in ('friction', 'track', 'speed', 'actuator'))
-    shut = {'g_high': np.full_like(limits.g_high, -np.inf)}
-    active = found(free._replace(bounds=free.bounds._replace(**shut)))
-    assert all(active[kind].all() for kind in ('friction', 'track'))
-    slow = recorded.driven_X.copy()
-    slow[:, 0, State._fields.index('vx')] = 1.0
-    assert found(free._replace(driven_X=slow))['speed'].all()
-    assert active_limits.demanding(active).all()
-    steered = free.driven_X.max(axis=(0, 1)) + 1e-4
-    held = free.bounds._replace(x_high=np.broadcast_to(steered, limits.x_high.shape))
-    active = found(free._replace(bounds=held))
-    assert active['actuator'].any()
-    assert not active['friction'].any()
+
+def test_a_warm_start_is_the_solvers_own_plan_moved_on(problem, recorded, params):
+    made = fatrop(problem)
+    for before, after in pairwise(tasks_of(problem, recorded, params, made)[2:7]):
+        plan = made.solve(*before[1:]).plan
+        np.testing.assert_allclose(after.start.U[:-1], plan.U[1:], atol=1e-9)
+        assert after.start.multipliers is not None
+        np.testing.assert_array_equal(after.start.X[0], after.x0)
+
+
+class Refuses:
+    """A solver that never succeeds."""
+
+    def __init__(self):
+        self.starts = []
+
+    def solve(self, x0, P, bounds, guess):
+        self.starts.append(guess)
+        return Solution(guess, 0.0, FAILED, 'refused', 0, np.inf, np.inf, 0.0)
+
+
+def test_a_solver_that_fails_gets_the_cold_starts_of_the_controller(problem, recorded, params):
+    refuses = Refuses()
+    given = tasks_of(problem, recorded, params, refuses)
+    assert [task.kind for task in given[:7]] == [FIRST, *[WARM] * 6]
+    for posed, start in zip(recorded[:7], refuses.starts):
+        np.testing.assert_array_equal(start.X, posed.cold.X)
 
 
 def test_another_speed_is_driven_at_that_speed():

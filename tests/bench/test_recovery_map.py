@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import recovery_map
 
-from bags.storage.columns import Odometry
+from bags.storage.columns import Columns, names
 from scenario_publisher import scenario
 from vehicle_plant import parameters as plant_parameters
 
@@ -14,7 +14,8 @@ def odometry(sideslip_deg, yaw_rate, y=0.0, yaw=0.0, speed=20.0):
     t = np.arange(0, 2, 0.01)
     given = (np.radians(sideslip_deg), yaw_rate, y, yaw)
     beta, r, Y, psi = (np.broadcast_to(values, t.shape) for values in given)
-    return Odometry(t * 1e9, t, speed * t, Y, psi, speed * np.cos(beta), speed * np.sin(beta), r)
+    values = (t * 1e9, t, speed * t, Y, psi, speed * np.cos(beta), speed * np.sin(beta), r)
+    return Columns(**dict(zip(names('/vehicle/odometry'), values)))
 
 
 @pytest.fixture(scope='module')
@@ -63,18 +64,3 @@ def test_the_grid_has_no_mirrored_slides_twice():
     assert len(set(slides)) == len(slides)
     assert min(s.sideslip_rad for s in slides) == 0.0
     assert all(s.yaw_rate_radps >= 0 for s in slides if s.sideslip_rad == 0)
-
-
-def test_the_search_saves_a_slide_that_no_driven_car_saved_and_judges_it_by_its_drive():
-    setup = recovery_map.setup_of('mpcc')
-    lost = recovery_map.Ending(False, False, None, 2.0, 9.0)
-    slide = recovery_map.Slide(np.radians(20), 0.5, 20.0)
-    assert recovery_map.best_possible(setup, slide, [lost], budget=0) == lost
-    found = recovery_map.best_possible(setup, slide, [lost], budget=3)
-    assert found.on_road
-    assert found.largest_offset_m < recovery_map.ROAD_M / 2
-    # a car that some controller saved needs no search
-    assert recovery_map.best_possible(setup, slide, [lost, found], budget=3) is found
-    # 30 deg of sideslip and a turn the same way at 30 m/s: with three drives only one is lost
-    spin = recovery_map.Slide(np.radians(30), -1.0, 30.0)
-    assert not recovery_map.best_possible(setup, spin, [lost], budget=3).on_road

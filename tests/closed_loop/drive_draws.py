@@ -21,6 +21,8 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
+from evaluated_drives import compare_drives
+
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 os.environ.setdefault('MPLBACKEND', 'Agg')
 
@@ -33,7 +35,6 @@ from random_scenarios import Draw
 
 from bags.evaluation import metrics
 from bags.evaluation.drive import drive_from_columns
-from bags.report.comparison import compare_drives
 from experiments import simulation
 from msgs_yaml import conformance, encode
 from msgs_yaml.types import Actuators, Command, Imu, VehicleState, Wheels
@@ -139,7 +140,7 @@ def _finite(columns):
     for topic, table in columns.items():
         if hasattr(table, 'values'):
             continue
-        for name, column in table._asdict().items():
+        for name, column in vars(table).items():
             if not np.all(np.isfinite(column)):
                 yield f'{topic}: {name} is not finite'
 

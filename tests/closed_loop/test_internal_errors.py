@@ -23,7 +23,7 @@ import pytest
 from experiments.configuration import inputs
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.internal_errors import INTERNAL_ERROR
-from mpcc_controller.driving.tick import TickInputs
+from mpcc_controller.driving.records import TickInputs
 from msgs_yaml import conversions as as_received
 from msgs_yaml.conversions import NS_PER_S
 from scenario_publisher import scenario

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from recorded_runs import load_runs, run_experiment
 
-from bags.evaluation.drive import drive_from_bag
+from bags.run import load
 from bags.storage import read
-from bags.storage.columns import Values
 
 SCENARIO = 'double_lane_change'
 # friction patches reach the plant by another path than everything else
@@ -31,8 +30,8 @@ def test_over_ros_and_in_process_the_bits_are_the_same(simulated, bags, name):
     computed, _ = simulated.drive(name, 'mpcc')
     recorded_ = read.columns(bags[name])
     for topic in computed.keys() - set(REPEATED):
-        for column, one in computed[topic]._asdict().items():
-            if not (isinstance(computed[topic], Values) and column == 'values'):
+        for column, one in vars(computed[topic]).items():
+            if column != 'values':
                 other = getattr(recorded_[topic], column)
                 assert np.array_equal(one, other), f'{topic}: {column}'
     assert computed['/scenario/obstacles'].values == recorded_['/scenario/obstacles'].values
@@ -40,7 +39,7 @@ def test_over_ros_and_in_process_the_bits_are_the_same(simulated, bags, name):
 
 def test_over_ros_and_in_process_the_facts_of_the_drive_are_the_same(simulated, bags):
     _, driven = simulated.drive(SCENARIO, 'mpcc')
-    assert drive_from_bag(bags[SCENARIO]).facts == driven.facts
+    assert load(bags[SCENARIO].path).drive.facts == driven.facts
 
 
 def test_a_slippery_patch_acts_on_the_wheels_on_it(simulated):

@@ -9,7 +9,7 @@ import pytest
 from experiments.configuration import inputs
 from mpcc_controller.driving import braking
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.tick import TickInputs
+from mpcc_controller.driving.records import TickInputs
 from msgs_yaml import conversions as as_received
 from msgs_yaml.conversions import NS_PER_S
 from scenario_publisher import scenario
@@ -90,7 +90,7 @@ def drive(controller, scn, plant, late_ms=0, on_tick=lambda k: None):
         commands.append(command)
         car.advance(None, late_ms)
         outcome = end.check(car.advance(command, TICK_STEPS - late_ms))
-    refused = car.gate.rejected + sum(controller.gate.rejections.values())
+    refused = car.gate.rejected + sum(controller.memory.rejections.values())
     return Run(np.array(rows), np.array(gaps), whys, commands, refused)
 
 
@@ -99,8 +99,7 @@ def fails_at(parts):
     """Return a function that drives with solvers that fail for good at a tick."""
     scn, params, vehicle, plant = parts
     controller = Controller(params, vehicle)
-    failing = controller.planner.solvers.first = Failing(controller.planner.solvers.first)
-    controller.planner.solvers.second = None
+    failing = controller.parts.solvers.first = Failing(controller.parts.solvers.first)
 
     def run(tick):
         return drive(controller, scn, plant, on_tick=lambda k: setattr(failing, 'dead', k >= tick))
@@ -139,14 +138,14 @@ def test_braking_straight_instead_would_have_hit_something(fails_at, monkeypatch
 @pytest.mark.parametrize('late_ms', [10, 20])
 def test_delay_compensation_improves_a_late_controller(parts, late_ms):
     scn, params, vehicle, plant = parts
-    solver = dataclasses.replace(params.solver, time_limit_s=10.0, fallback_limit_s=10.0)
+    solver = dataclasses.replace(params.solver, time_limit_s=10.0, patience_s=10.0)
     runs = {}
     for aware, longest_s in ((True, params.delay.longest_s), (False, 0.0)):
         delay = dataclasses.replace(params.delay, longest_s=longest_s)
         changed = dataclasses.replace(params, solver=solver, delay=delay)
         controller = Controller(changed, vehicle, limit_time=True)
-        slow = Slow(controller.planner.solvers.first, late_ms / 1e3 - params.delay.transport_s)
-        controller.planner.solvers.first = controller.clock = slow
+        slow = Slow(controller.parts.solvers.first, late_ms / 1e3 - params.delay.transport_s)
+        controller.parts.solvers.first = controller.parts.clock = slow
         runs[aware] = drive(controller, scn, plant, late_ms)
         leads = [why.values['time.lead_ms'] for why in runs[aware].whys[1:]]
         assert leads == pytest.approx([late_ms if aware else 0] * len(leads))

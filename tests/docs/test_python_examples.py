@@ -17,8 +17,8 @@ NOTEBOOKS = ROOT / 'docs/notebooks'
 PAGES = ['docs/howto/python.md']
 MODULES = [
     'bags',
-    'bags.analysis.run',
-    'bags.analysis.run_set',
+    'bags.run',
+    'bags.run_set',
     'experiments',
     'experiments.scripting',
 ]

@@ -20,8 +20,8 @@ import bags.cli
 import experiments.cli
 from bags.evaluation.metrics.registry import Metric
 from experiments.run import launch_arguments
-from msgs_yaml import contract, share
-from node_runtime import node_parameters, parameters, typed_yaml
+from msgs_yaml import contract, share, strict_yaml
+from node_runtime import node_parameters, parameters
 from scenario_publisher import schema
 from vehicle_plant.parameters import EXTRAS, NodeParams
 
@@ -102,7 +102,7 @@ def test_every_key_of_a_scenario_is_on_the_page():
     for name, cls in scenario_page.blocks(schema.File).items():
         (body,) = re.findall(rf'^## {name}\n((?:(?!##).*\n)*)', page, re.MULTILINE)
         keys = re.findall(r'^\| `(\w+)` \|', body, re.MULTILINE)
-        assert keys == list(typed_yaml.field_types(cls))
+        assert keys == list(strict_yaml.field_types(cls))
 
 
 def test_the_blocks_of_a_scenario_are_found_in_lists_and_alternatives():

@@ -10,7 +10,7 @@ def test_modules_that_simulate_solve_and_evaluate_belong_to_the_version():
     assert set(code_version.modules()) >= {
         'experiments.simulation',
         'mpcc_controller.driving.controller',
-        'stage_solver.riccati_solver',
+        'stage_solver.solver',
         'vehicle_plant.tyre',
         'scenario_publisher.scenario',
         'bags.evaluation.metrics',

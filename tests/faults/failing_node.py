@@ -40,9 +40,8 @@ class FailingNode(ControllerNode):
     def configure(self):
         """Make the controller, and solvers that fail."""
         super().configure()
-        planner = self.controller.planner
-        planner.solvers.first = NanProblemSolver(planner.solvers.first, self.is_failing)
-        planner.solvers.second = NanProblemSolver(planner.solvers.second, self.is_failing)
+        solvers = self.controller.parts.solvers
+        solvers.first = NanProblemSolver(solvers.first, self.is_failing)
 
     def is_failing(self):
         """Return whether the solvers must fail now."""

@@ -29,7 +29,7 @@ BRAKING_MPS2 = 2.0
 HEARTBEAT_NS = 3_000_000_000  # of Fast DDS
 DECELERATION_WINDOW_NS = 100_000_000
 COMMAND, ACTUATORS = '/controller/command', '/vehicle/actuators'
-PLANNED = ('solved', 'stopped_early', 'second_solver')
+PLANNED = ('solved', 'stopped_early')
 # rejections of the plant's gate that a correct controller never causes
 INVALID_COMMAND_CODES = ('not_finite', 'out_of_range', 'too_fast', 'beyond_friction', 'unreadable')
 

@@ -13,11 +13,10 @@ from collections.abc import Iterator
 import coverage_guided
 
 with coverage_guided.instrumented('scenario_publisher', 'msgs_yaml'):
-    from msgs_yaml import conformance, encode
-    from node_runtime import typed_yaml
+    from msgs_yaml import conformance, encode, strict_yaml
     from node_runtime.parameters import Range
     from scenario_publisher import scenario, schema
-    from scenario_publisher.scenario_file import ScenarioError
+    from scenario_publisher.scenario import ScenarioError
 
 FILE = coverage_guided.scratch() / 'scenario.yaml'
 COMMENT = re.compile(r'[ \t]*#.*|^\s*\n', re.MULTILINE)
@@ -72,7 +71,7 @@ def words() -> tuple[str, ...]:
     while left:
         hint = left.pop()
         if dataclasses.is_dataclass(hint):
-            known = typed_yaml.field_types(hint)
+            known = strict_yaml.field_types(hint)
             found |= dict.fromkeys(f'{name}: ' for name in known) | dict.fromkeys(known)
             left += known.values()
             continue

@@ -25,7 +25,7 @@ from stage_solver.solution import SOLVED, STOPPED_EARLY
 # outcomes of a tick
 SOLVE, FALLBACK, SILENT = 'answered by a solve', 'answered by a fallback', 'not answered'
 OUTCOMES = {
-    **dict.fromkeys((SOLVED, STOPPED_EARLY, fallback.SECOND_SOLVER), SOLVE),
+    **dict.fromkeys((SOLVED, STOPPED_EARLY), SOLVE),
     **dict.fromkeys((fallback.SHIFTED, fallback.RECOVERY, fallback.BRAKING), FALLBACK),
 }
 LATE_NS = 10**15  # in lockstep: time goes back at each restart

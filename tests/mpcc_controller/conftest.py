@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.tick import TickInputs
+from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.parameters import (
@@ -98,7 +98,8 @@ def set_inputs(controller, situation):
     assert controller.set_edges(situation.edges) == ''
     controller.set_obstacles(situation.obstacles)
     controller.reset(REST)
-    controller.gate.rejections.clear()  # of earlier tests: the controller is shared
+    # of earlier tests: the controller is shared
+    controller.memory = dataclasses.replace(controller.memory, rejections={})
     return controller
 
 
@@ -219,21 +220,19 @@ def baseline_controller():
 
 
 @pytest.fixture
-def controller(shared_controller, monkeypatch):
-    """Return the controller at the start of a lane change, without a second solver."""
-    shared_controller.gate.rejections.clear()
-    monkeypatch.setattr(shared_controller.planner.solvers, 'second', None)
+def controller(shared_controller):
+    """Return the controller at the start of a lane change."""
     return set_inputs(shared_controller, lane_change())
 
 
 @pytest.fixture
 def modify_solver(controller, monkeypatch):
-    """Return a function that modifies the first or second solver of the controller."""
-    genuine = controller.planner.solvers.first
+    """Return a function that modifies the solver of the controller."""
+    genuine = controller.parts.solvers.first
 
-    def replace(modify=lambda solution: solution, which='first'):
+    def replace(modify=lambda solution: solution):
         solver = ModifiedSolver(genuine, modify)
-        monkeypatch.setattr(controller.planner.solvers, which, solver)
+        monkeypatch.setattr(controller.parts.solvers, 'first', solver)
         return solver
 
     return replace
@@ -243,12 +242,12 @@ def modify_solver(controller, monkeypatch):
 def realtime():
     """Return a controller in realtime whose solver takes 15 ms on a simulated clock."""
     params, vehicle = load(
-        solver__time_limit_s=10.0, solver__fallback_limit_s=10.0, delay__computing_s=0.008
+        solver__time_limit_s=10.0, solver__patience_s=10.0, delay__computing_s=0.008
     )
     clock = Clock()
     controller = set_inputs(Controller(params, vehicle, True, clock), straight())
-    controller.planner.solvers.first = ModifiedSolver(
-        controller.planner.solvers.first, clock=clock, takes_s=0.015
+    controller.parts.solvers.first = ModifiedSolver(
+        controller.parts.solvers.first, clock=clock, takes_s=0.015
     )
     return controller
 

@@ -466,10 +466,6 @@ def test_the_log_names_the_number_of_parameters_from_each_file(tmp_path):
 @pytest.mark.parametrize(
     ('parameters', 'message'),
     [
-        (
-            ('solver.mode:=one_step', 'solver.name:=fatrop'),
-            'solver.mode: one_step needs solver.name riccati',
-        ),
         (('model.horizn:=9',), 'model.horizn'),
         (('limits.brake_n:=0.0',), 'limits.brake_n: is 0; allowed from 14000'),
         (('limits.force_rate_nps:=1.0',), 'limits.force_rate_nps: is 1; allowed from 28000'),

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bags.evaluation.vehicle_shape import Outline, circles_of
 from mpcc_controller import covering_circles
-from mpcc_controller.driving import initial_guess
+from mpcc_controller.driving import guesses
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import CarOutline
@@ -126,7 +126,7 @@ def test_the_radius_at_edges_changes_distances_to_edges_only(world, controller):
         params, vehicle = world.load(controller, **changes)
         car = stage_parameters.car(params, vehicle)
         form = formulation.make(params, car)
-        plan = initial_guess.guess_from_path(scene.path, x0, car, 5, 0.05)
+        plan = guesses.from_path(scene.path, x0, car, 5, 0.05)
         numbers = form.stage_parameters(scene, plan.X)
         values = PlanEvaluator(form.ocp).evaluate(form.to_local(plan, scene.path), numbers.P)
         return values.v2o[0][0], [side[0] for side in values.v2e], form.ocp

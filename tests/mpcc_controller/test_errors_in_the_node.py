@@ -7,6 +7,7 @@ import node_bench
 import pytest
 from controller_driver import FALLBACK, SILENT, SOLVE, Driver
 
+from mpcc_controller.driving import planner
 from mpcc_controller.driving.internal_errors import INTERNAL_ERROR
 from msgs_yaml import encode
 
@@ -155,7 +156,7 @@ def test_each_kind_of_error_is_one_line_of_the_log_however_often_it_is_raised(
     logged(capfd)
     for function, many in ((failing, 20), (other, 20), (failing, 5)):
         with monkeypatch.context() as patch:
-            patch.setattr(driving.node.controller.planner, 'plan', function)
+            patch.setattr(planner, 'plan', function)
             for _ in range(many):
                 tick(driving)
     lines = logged(capfd)

@@ -135,7 +135,7 @@ def test_no_change_weakens_the_braking_without_a_plan_or_widens_its_limits_alone
             )[0]
             for k in range(20)
         ]
-        assert not controller.gate.rejections
+        assert not controller.memory.rejections
         stops[name] = commands
     assert stops['gentle'] == stops['as started']
     assert stops['gentle'][-1].Fxf + stops['gentle'][-1].Fxr < -14000.0

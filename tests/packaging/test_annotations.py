@@ -15,7 +15,7 @@ TYPED = {
     'node_runtime': '*.py',
     'stage_solver': '*.py',
     'scenario_publisher': '*.py',
-    'bags': 'analysis/*.py',
+    'bags': '*run*.py',
     'experiments': '*.py',
 }
 

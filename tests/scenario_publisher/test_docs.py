@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from node_runtime import typed_yaml
+from msgs_yaml import strict_yaml
 from scenario_publisher import friction_patches, schema
 
 TEXT = (Path(__file__).parents[2] / 'docs/scenarios.md').read_text()
@@ -35,8 +35,8 @@ def rows(title):
 
 def keys(cls, prefix=''):
     """Return {dotted key: (what is allowed, default)} of a schema dataclass."""
-    by_key, defaults = {}, typed_yaml.defaults(cls)
-    for name, hint in typed_yaml.field_types(cls).items():
+    by_key, defaults = {}, strict_yaml.defaults(cls)
+    for name, hint in strict_yaml.field_types(cls).items():
         by_key.update(_key(f'{prefix}{name}', hint, defaults.get(name, '')))
     return by_key
 
@@ -49,7 +49,7 @@ def _key(key, hint, default):
         return keys(hint, f'{key}.')
     if origin is tuple and inside[-1] is Ellipsis:
         return _list(key, inside[0])
-    return {key: (typed_yaml.describe_allowed(hint), default)}
+    return {key: (strict_yaml.describe_allowed(hint), default)}
 
 
 def _list(key, hint):
@@ -57,7 +57,7 @@ def _list(key, hint):
         classes = typing.get_args(hint)
         return {k: v for cls in classes for k, v in keys(cls, f'{key}[].').items()}
     if typing.get_origin(hint) is typing.Annotated:
-        return {key: (typed_yaml.describe_allowed(hint), '')}
+        return {key: (strict_yaml.describe_allowed(hint), '')}
     return {key: (None, '')}
 
 

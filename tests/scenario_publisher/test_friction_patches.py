@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from scenario_publisher import lines
 from scenario_publisher.friction_patches import MAX_QUADRILATERALS, MAX_SAGITTA, build_patches
 from scenario_publisher.scenario import ScenarioError
-from scenario_publisher.scenario_file import KeyedError
-from scenario_publisher.schema import FrictionPatch
+from scenario_publisher.schema import FrictionPatch, KeyedError
 
 LINE = re.compile(r'bend\.yaml:\d+: friction_patches[a-z_.\[\]0-9]*: .*; allowed ')
 ROUNDING = 1e-9

@@ -34,7 +34,7 @@ JUMP = line_of(X, np.where(X > 20, 1.5, 0.0))
 KINK = line_of(X, np.where((X > 20) & (X < 22), 0.2, 0.0))
 
 MISTAKES = {
-    'schema of another version': ('schema', 2, "is '2'; allowed 1"),
+    'schema of another version': ('schema', 2, 'is 2; allowed 1'),
     'name that is no folder': ('name', '../up', 'allowed 1 to 64 of a-z'),
     'unknown key': ('stop.progres_m', 1.0, r"unknown key; did you mean 'progress_m'\?; allowed"),
     'friction': ('friction', 0.0, 'is .*; allowed 0.05 to 1.5'),

@@ -235,5 +235,5 @@ def test_broken_scenario_is_one_clear_line_and_a_failure(tmp_path):
     broken.write_text(scenario.load('straight').text.replace('friction: 1.0', 'friction: 7'))
     _, output = (process := start('-p', f'scenario:={broken}')).communicate(timeout=PATIENCE_S)
     assert process.returncode not in (0, None)
-    assert f"{broken}:21: friction: is '7'; allowed 0.05 to 1.5" in output
+    assert f'{broken}:21: friction: is 7; allowed 0.05 to 1.5' in output
     assert 'Traceback' not in output

@@ -7,7 +7,8 @@ import pytest
 
 from msgs_yaml import contract
 from scenario_publisher import road_geometry, scenario, schema
-from scenario_publisher.plausibility import CAR_RADIUS, MAX_OBSTACLES
+from scenario_publisher.actors import MAX_OBSTACLES
+from scenario_publisher.plausibility import CAR_RADIUS
 
 ALL = scenario.available()
 DLC = scenario.load('double_lane_change')

@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenario_publisher import actors, lines, schema, waypoint_track
-from scenario_publisher.scenario_file import KeyedError
-from scenario_publisher.schema import Waypoint
+from scenario_publisher.schema import KeyedError, Waypoint
 
 STRAIGHT = lines.line_from_curves([lines.straight(400.0)], 0.0, 0.0, 0.0, 1.0)
 # a left-hand bend of 50 m about (0, 50)
@@ -112,11 +111,11 @@ def test_way_points_that_cannot_be_driven_are_refused(points, message):
 
 def test_an_obstacle_appears_at_its_first_way_point_and_is_published_with_its_velocity():
     block = schema.WaypointObstacle((Waypoint(10.0, 0.0, 4.0), Waypoint(30.0, 0.0, 8.0)), 0.5, 2.0)
-    actor = actors.place_actor(3, block, STRAIGHT)
+    actor = actors.place_actors((block,), STRAIGHT)[0]
     assert (actor.obstacle.X, actor.obstacle.vX) == (10.0, 4.0)
     assert [actors.is_present(actor, t) for t in (1.9, 2.0)] == [False, True]
     seen = actors.obstacle_at(actor, 2.0 + 20.0 / 6.0)
-    assert (seen.id, seen.r_obs) == (3, 0.5)
+    assert (seen.id, seen.r_obs) == (1, 0.5)
     assert (seen.X, seen.vX) == pytest.approx((30.0, 8.0))
     X, _ = actors.positions(actor, 5.0, 0.25)
     assert np.diff(X).max() <= 0.25 + 1e-9

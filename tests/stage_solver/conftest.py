@@ -6,9 +6,8 @@ import pytest
 import small_problems
 from small_problems import Case
 
-from stage_solver import StageProblem, no_bounds, riccati_solver, zero_plan
-from stage_solver.solution import SolverOptions
-from stage_solver.solver import make_solver
+from stage_solver import SolverOptions, StageProblem, make_solver, no_bounds, zero_plan
+from stage_solver.reference_solvers import ReferenceSolver
 
 SCALED_MATRICES = {
     'A': np.array([[1.0, 0.3, 0.0], [-0.2, 0.9, 0.4], [0.1, 0.0, 1.1]]),
@@ -26,11 +25,15 @@ def own_cache(tmp_path, monkeypatch):
     return tmp_path / 'cache'
 
 
-@pytest.fixture
-def options():
-    def make(name, **changes):
-        standard = {'max_iterations': 200, 'tolerance': 1e-10, 'time_limit_s': None}
-        return SolverOptions(name, **(standard | {'compiled': False} | changes))
+@pytest.fixture(scope='session')
+def solver():
+    """Return make(name, problem, **changes of the options): ours, 'riccati', or a reference."""
+
+    def make(name, problem, **changes):
+        options = SolverOptions(**({'max_iterations': 200, 'tolerance': 1e-10} | changes))
+        if name == 'riccati':
+            return make_solver(problem, options)
+        return ReferenceSolver(problem, name, options)
 
     return make
 
@@ -88,35 +91,15 @@ def slalom():
 
 
 @pytest.fixture(scope='session')
-def riccati_options():
-    """Return make(name='riccati', **changes) -> SolverOptions with a tolerance of 1e-8."""
-
-    def make(name='riccati', **changes):
-        standard = {'max_iterations': 200, 'tolerance': 1e-8, 'time_limit_s': None}
-        return SolverOptions(name, **(standard | {'compiled': False} | changes))
-
-    return make
+def riccati(solver):
+    """Return make(problem, **changes of the options) -> our solver, with a tolerance of 1e-8."""
+    return lambda problem, **changes: solver('riccati', problem, **{'tolerance': 1e-8} | changes)
 
 
 @pytest.fixture(scope='session')
-def riccati(riccati_options):
-    """Return make(problem, **changes of the options) -> RiccatiSolver."""
-
-    def make(problem, **changes):
-        library = riccati_solver.compile_solver(problem)
-        return riccati_solver.RiccatiSolver(problem, riccati_options(**changes), library)
-
-    return make
-
-
-@pytest.fixture(scope='session')
-def ipopt(riccati_options):
-    """Return make(problem, **changes of the options) -> the IPOPT solver."""
-
-    def make(problem, **changes):
-        return make_solver(problem, riccati_options('ipopt', **changes))
-
-    return make
+def ipopt(solver):
+    """Return make(problem, **changes of the options) -> IPOPT, with a tolerance of 1e-8."""
+    return lambda problem, **changes: solver('ipopt', problem, **{'tolerance': 1e-8} | changes)
 
 
 @pytest.fixture(scope='session')

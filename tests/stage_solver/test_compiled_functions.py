@@ -1,60 +1,29 @@
-"""Compiled functions of the NLP: same results as interpreted, compiled once, optional."""
-
-import dataclasses
+"""Compiled functions: the same results as interpreted, and compiled once."""
 
 import numpy as np
-import pytest
 
-from stage_solver import compiled_functions, nlp_functions
-
-
-@pytest.fixture
-def functions(slalom):
-    return nlp_functions.build(slalom.problem, 'fatrop')
+from stage_solver.compiled_functions import BufferedFunction, compile_functions
 
 
-@pytest.fixture
-def arguments(slalom):
-    rng = np.random.default_rng(5)
-    v = np.concatenate(
-        [np.hstack([slalom.guess.X[:-1], slalom.guess.U]).ravel(), slalom.guess.X[-1]]
-    )
-    v = v + 0.1 * rng.standard_normal(v.shape)
-    return v, slalom.P.ravel(), 0.8, rng.standard_normal(30 * 6 + 1)
+def test_machine_code_computes_what_the_interpreter_computes(slalom, own_cache):
+    dynamics = slalom.problem.dynamics
+    for _ in range(2):
+        compiled = compile_functions({dynamics.name(): dynamics}, 'slalom_dynamics')
+    assert len(list(own_cache.glob('*.so'))) == 1
+    (machine_code,) = compiled.values()
+    assert machine_code.class_name() != dynamics.class_name()
+    arguments = slalom.guess.X[7], np.array([0.3, -0.2]), slalom.P[7]
+    expected = dynamics(*arguments).full()
+    assert np.allclose(machine_code(*arguments).full(), expected, rtol=1e-14, atol=1e-14)
 
 
-def test_every_function_computes_what_the_interpreter_computes(functions, arguments):
-    compiled = compiled_functions.compile_functions(functions, 'slalom')
-    assert compiled.keys() == functions.keys()
-    for name, function in functions.items():
-        assert compiled[name].class_name() != function.class_name()
-        given = arguments[: function.n_in()]
-        for mine, reference in zip(compiled[name].call(given), function.call(given)):
-            assert mine.sparsity() == reference.sparsity()
-            assert np.allclose(mine.full(), reference.full(), rtol=1e-14, atol=1e-14)
-
-
-def test_same_problem_is_compiled_once_and_another_build(slalom, double_integrator, own_cache):
-    def libraries():
-        return {f.name: f.stat().st_mtime_ns for f in own_cache.glob('*.so')}
-
-    build = nlp_functions.build.__wrapped__  # without its cache, as in another process
-    compiled_functions.compile_functions(build(slalom.problem, 'fatrop'), 'a')
-    first = libraries()
-    compiled_functions.compile_functions(build(slalom.problem, 'fatrop'), 'a')
-    assert libraries() == first
-    assert len(first) == 1
-    compiled_functions.compile_functions(
-        nlp_functions.build(double_integrator.problem, 'fatrop'), 'a'
-    )
-    assert len(libraries()) == 2
-
-
-def test_code_does_not_grow_with_the_horizon(slalom):
-    def length(horizon):
-        problem = dataclasses.replace(slalom.problem, horizon=horizon)
-        functions = nlp_functions.build(problem, 'fatrop').values()
-        return len(compiled_functions.c_source(tuple(functions), 'a'))
-
-    # patterns do grow; the expanded graph would double
-    assert length(50) < 1.35 * length(25)
+def test_a_buffered_function_keeps_what_it_is_not_given(slalom):
+    dynamics = slalom.problem.dynamics
+    names = dynamics.name_in()
+    arguments = dict(zip(names, (slalom.guess.X[7], np.array([0.3, -0.2]), slalom.P[7])))
+    buffered = BufferedFunction(dynamics)
+    (result,) = buffered(**arguments).values()
+    assert np.array_equal(result, dynamics(*arguments.values()).full().ravel())
+    arguments[names[0]] = slalom.guess.X[9]
+    (result,) = buffered(**{names[0]: slalom.guess.X[9]}).values()
+    assert np.array_equal(result, dynamics(*arguments.values()).full().ravel())

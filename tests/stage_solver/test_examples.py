@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from stage_solver import SOLVED, SolverOptions, make_solver
+from stage_solver.reference_solvers import ReferenceSolver
 
 FOLDER = Path(__file__).parents[2] / 'stage_solver/examples'
 NAMES = ('cart_pole', 'point_robot', 'quadrotor')
@@ -25,13 +26,10 @@ def solve_by_both(name, *arguments):
     """Return the module, and its solutions by riccati and by IPOPT."""
     module = load(name)
     problem = module.make_problem()
-    options = {'max_iterations': 500, 'tolerance': 1e-7, 'compiled': False}
-    return module, [
-        make_solver(problem, SolverOptions(solver, **options)).solve(
-            *module.make_arguments(problem, *arguments)
-        )
-        for solver in ('riccati', 'ipopt')
-    ]
+    options = SolverOptions(max_iterations=500, tolerance=1e-7)
+    solvers = make_solver(problem, options), ReferenceSolver(problem, 'ipopt', options)
+    numbers = module.make_arguments(problem, *arguments)
+    return module, [solver.solve(*numbers) for solver in solvers]
 
 
 def assert_equal_solutions(own, reference):

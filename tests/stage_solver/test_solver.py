@@ -6,8 +6,7 @@ from scipy import optimize
 from small_problems import each_solver
 
 from stage_solver.solution import SOLVED
-from stage_solver.solver import CasadiTooOldError, check_casadi, make_solver
-from stage_solver.stage_problem import shift
+from stage_solver.solver import CasadiTooOldError, check_casadi
 
 
 def riccati(matrices, x0, horizon):
@@ -42,9 +41,9 @@ def condensed(case):
 
 
 @each_solver
-def test_linear_quadratic_problem_gets_the_riccati_solution(name, linear_quadratic, options):
+def test_linear_quadratic_problem_gets_the_riccati_solution(name, linear_quadratic, solver):
     case, matrices = linear_quadratic()
-    solution = make_solver(case.problem, options(name)).solve(*case.numbers)
+    solution = solver(name, case.problem).solve(*case.numbers)
     X, U, cost = riccati(matrices, case.x0, case.problem.horizon)
     assert solution.status == SOLVED
     assert np.allclose(solution.plan.X, X, atol=1e-8)
@@ -55,20 +54,20 @@ def test_linear_quadratic_problem_gets_the_riccati_solution(name, linear_quadrat
 
 
 @each_solver
-def test_scaling_changes_nothing_but_the_units_inside(name, linear_quadratic, options):
+def test_scaling_changes_nothing_but_the_units_inside(name, linear_quadratic, solver):
     plain, _ = linear_quadratic()
     scaled, _ = linear_quadratic(scale_x=(100.0, 0.1, 3.0), scale_u=(20.0, 0.5))
-    a = make_solver(plain.problem, options(name)).solve(*plain.numbers)
-    b = make_solver(scaled.problem, options(name)).solve(*scaled.numbers)
+    a = solver(name, plain.problem).solve(*plain.numbers)
+    b = solver(name, scaled.problem).solve(*scaled.numbers)
     assert np.allclose(a.plan.U, b.plan.U, atol=1e-7)
     assert np.allclose(a.plan.multipliers.dynamics, b.plan.multipliers.dynamics, atol=1e-6)
     assert a.cost == pytest.approx(b.cost, rel=1e-9)
 
 
 @each_solver
-def test_bounded_forces_match_bounded_least_squares(name, double_integrator, options):
+def test_bounded_forces_match_bounded_least_squares(name, double_integrator, solver):
     case = double_integrator
-    solution = make_solver(case.problem, options(name)).solve(*case.numbers)
+    solution = solver(name, case.problem).solve(*case.numbers)
     M, b = condensed(case)
     reference = optimize.lsq_linear(M, b, bounds=(-1.0, 0.7), method='bvls', tol=1e-12)
     assert reference.active_mask.any()
@@ -79,12 +78,12 @@ def test_bounded_forces_match_bounded_least_squares(name, double_integrator, opt
 
 
 @each_solver
-def test_bounded_speed_matches_a_general_optimiser(name, double_integrator, options):
+def test_bounded_speed_matches_a_general_optimiser(name, double_integrator, solver):
     case = double_integrator
     x_low = case.bounds.x_low.copy()
     x_low[:, 1] = -0.8
     bounds = case.bounds._replace(x_low=x_low)
-    solution = make_solver(case.problem, options(name)).solve(case.x0, case.P, bounds, case.guess)
+    solution = solver(name, case.problem).solve(case.x0, case.P, bounds, case.guess)
     M, b = condensed(case)
     speed = optimize.LinearConstraint(np.tril(np.full((15, 15), 0.2)), -0.8 - case.x0[1])
     reference = optimize.minimize(
@@ -102,8 +101,8 @@ def test_bounded_speed_matches_a_general_optimiser(name, double_integrator, opti
 
 
 @pytest.mark.parametrize('name', ['riccati', 'fatrop'])
-def test_every_solver_finds_the_plan_of_ipopt_past_the_disc(name, slalom, options):
-    a, b = (make_solver(slalom.problem, options(n)).solve(*slalom.numbers) for n in (name, 'ipopt'))
+def test_every_solver_finds_the_plan_of_ipopt_past_the_disc(name, slalom, solver):
+    a, b = (solver(n, slalom.problem).solve(*slalom.numbers) for n in (name, 'ipopt'))
     assert a.status == b.status == SOLVED
     assert np.allclose(a.plan.X, b.plan.X, atol=1e-6)
     assert np.allclose(a.plan.U, b.plan.U, atol=1e-6)
@@ -115,17 +114,8 @@ def test_every_solver_finds_the_plan_of_ipopt_past_the_disc(name, slalom, option
 
 
 @each_solver
-def test_machine_code_and_interpreter_agree(name, slalom, options):
-    interpreted = make_solver(slalom.problem, options(name)).solve(*slalom.numbers)
-    compiled = make_solver(slalom.problem, options(name, compiled=True)).solve(*slalom.numbers)
-    assert compiled.iterations == interpreted.iterations
-    assert np.allclose(compiled.plan.X, interpreted.plan.X, rtol=0, atol=1e-9)
-    assert np.allclose(compiled.plan.U, interpreted.plan.U, rtol=0, atol=1e-9)
-
-
-@each_solver
-def test_same_numbers_give_the_same_bits_whatever_was_solved_before(name, slalom, options):
-    own = make_solver(slalom.problem, options(name))
+def test_same_numbers_give_the_same_bits_whatever_was_solved_before(name, slalom, solver):
+    own = solver(name, slalom.problem)
     first = own.solve(*slalom.numbers)
     closer = slalom.P + np.array([-2.0, 0.1, 0.3, 1.0])
     free = slalom.bounds._replace(g_low=slalom.bounds.g_low - 100, h_low=np.array([-np.inf]))
@@ -138,28 +128,16 @@ def test_same_numbers_give_the_same_bits_whatever_was_solved_before(name, slalom
 
 
 @each_solver
-def test_other_limits_are_obeyed_without_a_new_solver(name, slalom, options):
+def test_other_limits_are_obeyed_without_a_new_solver(name, slalom, solver):
     gentle = slalom.bounds._replace(u_high=slalom.bounds.u_high * 0.5)
-    used = make_solver(slalom.problem, options(name))
+    used = solver(name, slalom.problem)
     used.solve(*slalom.numbers)
     reused = used.solve(slalom.x0, slalom.P, gentle, slalom.guess)
-    fresh = make_solver(slalom.problem, options(name))
+    fresh = solver(name, slalom.problem)
     assert np.array_equal(
         reused.plan.U, fresh.solve(slalom.x0, slalom.P, gentle, slalom.guess).plan.U
     )
     assert (gentle.u_high + 1e-6 >= reused.plan.U).all()
-
-
-@each_solver
-def test_a_shifted_plan_is_a_good_guess(name, slalom, options):
-    own = make_solver(slalom.problem, options(name))
-    cold = own.solve(*slalom.numbers)
-    guess = shift(cold.plan, slalom.problem.dynamics, slalom.P[-1])
-    warm = own.solve(guess.X[0], slalom.P, slalom.bounds, guess)
-    unaided = own.solve(guess.X[0], slalom.P, slalom.bounds, slalom.guess)
-    assert warm.status == SOLVED
-    assert warm.cost == pytest.approx(unaided.cost, rel=1e-6)
-    assert warm.iterations <= unaided.iterations
 
 
 @pytest.mark.parametrize('version', ['3.7.0', '3.8.2', '3.10.0', '4.0.0+custom'])

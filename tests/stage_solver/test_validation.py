@@ -1,11 +1,10 @@
-"""Invalid values, shapes and solver names are refused by name."""
+"""Invalid values and shapes are refused by name."""
 
 import numpy as np
 import pytest
 from small_problems import each_solver
 
 from stage_solver.solution import FAILED
-from stage_solver.solver import make_solver
 from stage_solver.stage_problem import Plan, ProblemError
 
 
@@ -28,9 +27,9 @@ from stage_solver.stage_problem import Plan, ProblemError
     ],
     ids=['x0', 'P', 'guess of states', 'guess of inputs', 'crossed limits', 'limit not a number'],
 )
-def test_invalid_values_are_refused_by_name(name, change, message, slalom, options):
+def test_invalid_values_are_refused_by_name(name, change, message, slalom, solver):
     case = change(slalom)
-    solution = make_solver(case.problem, options(name)).solve(*case.numbers)
+    solution = solver(name, case.problem).solve(*case.numbers)
     assert solution.status == FAILED
     assert solution.iterations == 0
     assert not np.isfinite(solution.primal_residual)
@@ -51,12 +50,7 @@ def crossed(case, stage, low):
 
 
 @each_solver
-def test_a_wrong_shape_raises_with_its_name(name, slalom, options):
-    own = make_solver(slalom.problem, options(name))
+def test_a_wrong_shape_raises_with_its_name(name, slalom, solver):
+    own = solver(name, slalom.problem)
     with pytest.raises(ProblemError, match=r'P has shape \(30, 4\); \(31, 4\) is needed'):
         own.solve(slalom.x0, slalom.P[:-1], slalom.bounds, slalom.guess)
-
-
-def test_an_unknown_solver_is_named_together_with_the_known_ones(slalom, options):
-    with pytest.raises(ProblemError, match=r"no solver 'snopt'; there are: riccati, fatrop, ipopt"):
-        make_solver(slalom.problem, options('snopt'))

@@ -1,10 +1,11 @@
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from msgs_yaml.types import Command
-from vehicle_plant import parameters
+from vehicle_plant import integrator, parameters
 from vehicle_plant.initial_state import Start
 from vehicle_plant.simulator import TICK_STEPS, Simulator
 from vehicle_plant.state import join_trajectories
@@ -46,3 +47,27 @@ def drive(params):
 @pytest.fixture
 def rng():
     return np.random.default_rng(20240501)
+
+
+@pytest.fixture(scope='session')
+def advance_interpreted():
+    """Return the last state and the rows of `integrator.advance`, without compiled code."""
+
+    def advance(x, set_points, p, patches=None, model=integrator.DOUBLE_TRACK):
+        derivative, projection = integrator.plant_functions(model)
+        h, rows = integrator.STEP_S, []
+
+        def local(x):
+            return p if patches is None else integrator.with_local_friction(x, p, patches, model)
+
+        for begin, end in pairwise(set_points):
+            middle, here = (begin + end) * 0.5, local(x)
+            k1 = derivative(x, begin, here)[0]
+            k2 = derivative(x + h * 0.5 * k1, middle, here)[0]
+            k3 = derivative(x + h * 0.5 * k2, middle, here)[0]
+            k4 = derivative(x + h * k3, end, here)[0]
+            x = np.asarray(projection(x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), here)).ravel()
+            rows.append(integrator.row(x, end, local(x), model))
+        return x, np.array(rows)
+
+    return advance

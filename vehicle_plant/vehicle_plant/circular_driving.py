@@ -8,7 +8,7 @@ from msgs_yaml.types import Command
 from node_runtime.parameters import Choice, Range, Struct
 from vehicle_plant.initial_state import Start
 from vehicle_plant.parameters import PlantParams
-from vehicle_plant.simulator import TICK_NS, TICK_STEPS, Simulator
+from vehicle_plant.simulator import TICK_NS, RefusedError, Simulator
 from vehicle_plant.state import Trajectory, join_trajectories
 
 
@@ -71,9 +71,10 @@ def drive(plant: PlantParams, friction: float, circle: CircleParams) -> Trajecto
             steer = float(np.clip(steer, -steer_limit, steer_limit))
         force = circle.speed_gain_nspm * (speed - state.vx)
         forces = force * (1 - rear_share), force * rear_share
-        if not car.command(Command(state.stamp_ns, steer, steer_rate, *forces)).accepted:
-            raise CircleError(f'the plant refuses the command: {car.gate.last_reason}')
-        car.advance(None, TICK_STEPS)
+        try:
+            car.follow(Command(state.stamp_ns, steer, steer_rate, *forces))
+        except RefusedError as error:
+            raise CircleError(str(error)) from None
         rows.append(car.now)
         front, _ = axle_points(rows[-1], plant)
         if abs(front.alpha[-1]) >= circle.last_front_slip_rad:

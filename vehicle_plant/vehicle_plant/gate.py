@@ -25,13 +25,6 @@ class Verdict(NamedTuple):
     reason: str  # empty when accepted
 
 
-class Violation(NamedTuple):
-    """A rule that a command breaks."""
-
-    code: str  # one word, to count by
-    reason: str  # for a person
-
-
 ACCEPTED = Verdict(True, '')
 
 
@@ -43,7 +36,7 @@ class Gate:
 
         friction: road friction relative to the tyre's test surface.
         """
-        self._params, self._car = params, params.car
+        self._params = params
         # locking wheels on a slippery road are plausible
         self._friction = max(friction, 1.0)
         self._last = last
@@ -62,9 +55,8 @@ class Gate:
         Its set-points may differ from the last ones by what the greatest rates allow in the time
         between, at least one tick.
         """
-        violation = next(self._violations(command, now_ns, tick_ns), None)
-        if violation:
-            return self.reject(violation.reason, violation.code)
+        for code, reason in self._violations(command, now_ns, tick_ns):
+            return self.reject(reason, code)
         self._last = SetPoints(command.delta, command.Fxf, command.Fxr)
         self._stamp_ns = command.stamp_ns
         return ACCEPTED
@@ -75,38 +67,42 @@ class Gate:
         self.last_code, self.last_reason = code, reason
         return Verdict(False, reason)
 
-    def _violations(self, command: Command, now_ns: int, tick_ns: int) -> Iterator[Violation]:
+    def _violations(self, command: Command, now_ns: int, tick_ns: int) -> Iterator[tuple[str, str]]:
+        """Yield a word to count by and a reason for a person, per rule that is broken."""
         if not all(math.isfinite(value) for value in command):
-            yield Violation('not_finite', 'a value is not finite')
+            yield 'not_finite', 'a value is not finite'
         if command.stamp_ns > now_ns:
-            yield Violation('from_future', 'the stamp lies in the future')
+            yield 'from_future', 'the stamp lies in the future'
         if command.stamp_ns < self._stamp_ns:
-            yield Violation('out_of_order', 'the stamp is older than that of the last command')
+            yield 'out_of_order', 'the stamp is older than that of the last command'
         age_ns = now_ns - command.stamp_ns
         if age_ns > OLDEST_TICKS * tick_ns:
-            yield Violation('too_old', f'the command is {age_ns / NS_PER_S:g} s old')
+            yield 'too_old', f'the command is {age_ns / NS_PER_S:g} s old'
         for code, name, value, low, high, unit in self._rules(command, tick_ns):
             if not low <= value <= high:
                 allowed = f'allowed {low:.6g} to {high:.6g}'
-                yield Violation(code, f'{name} is {value:.6g} {unit}, {allowed}')
+                yield code, f'{name} is {value:.6g} {unit}, {allowed}'
 
     def _rules(self, command, tick_ns):
         """Yield (code, name, value, lowest, highest, unit) of every limited quantity."""
-        p, gate = self._car, self._car.gate
+        p, gate, last = self._params.car, self._params.car.gate, self._last
         elapsed_s = max(command.stamp_ns - self._stamp_ns, tick_ns) / NS_PER_S
         steer = p.steering.limit_rad + gate.steer_tolerance_rad
         angle, force = gate.steer_rate_radps * elapsed_s, gate.force_rate_nps * elapsed_s
         yield 'out_of_range', 'steer', command.delta, -steer, steer, 'rad'
-        yield 'too_fast', 'steer step', command.delta - self._last.delta, -angle, angle, 'rad'
-        grip = axle_friction(command.Fxf + command.Fxr, self._params, self._friction)
-        forces, last_forces = (command.Fxf, command.Fxr), (self._last.Fxf, self._last.Fxr)
-        axles = zip(('front', 'rear'), forces, last_forces, grip)
-        for name, value, last, friction in axles:
-            axle, limit = getattr(p.force, name), gate.friction_use * friction
+        yield 'too_fast', 'steer step', command.delta - last.delta, -angle, angle, 'rad'
+        front_grip, rear_grip = axle_friction(
+            command.Fxf + command.Fxr, self._params, self._friction
+        )
+        for name, axle, value, before, grip in (
+            ('front', p.force.front, command.Fxf, last.Fxf, front_grip),
+            ('rear', p.force.rear, command.Fxr, last.Fxr, rear_grip),
+        ):
             low = -axle.brake_n - gate.force_tolerance_n
             high = axle.drive_n + gate.force_tolerance_n
+            limit = gate.friction_use * grip
             yield 'out_of_range', f'{name}_axle', value, low, high, 'N'
-            yield 'too_fast', f'{name}_axle step', value - last, -force, force, 'N'
+            yield 'too_fast', f'{name}_axle step', value - before, -force, force, 'N'
             yield 'beyond_friction', f'{name}_axle friction', value, -limit, limit, 'N'
 
 
@@ -123,13 +119,10 @@ def axle_friction(Fx: float, params: PlantParams, friction: float) -> tuple[floa
     front = weight * body.cog_to_rear_m / wheelbase - transfer
     rear = weight * body.cog_to_front_m / wheelbase + transfer
     factors = params.car.scaling
-    return tuple(
-        friction * _peak_friction(load / 2, tyre, scaling) * load
-        for load, scaling in ((front, factors.front), (rear, factors.rear))
-    )
-
-
-def _peak_friction(Fz, tyre, scaling):
-    nominal = tyre.reference.FNOMIN * scaling.LFZO
-    excess = (Fz - nominal) / nominal
-    return (tyre.longitudinal.PDX1 + tyre.longitudinal.PDX2 * excess) * scaling.LMUX
+    grips = []
+    for load, scaling in ((front, factors.front), (rear, factors.rear)):
+        nominal = tyre.reference.FNOMIN * scaling.LFZO
+        excess = (load / 2 - nominal) / nominal
+        peak = (tyre.longitudinal.PDX1 + tyre.longitudinal.PDX2 * excess) * scaling.LMUX
+        grips.append(friction * peak * load)
+    return tuple(grips)

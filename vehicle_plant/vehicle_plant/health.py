@@ -1,7 +1,5 @@
 """Health of the plant for /diagnostics: level, causes, counters."""
 
-from typing import Any
-
 from msgs_yaml.types import Health
 from node_runtime.input_monitor import ERROR, OK, STALE, WARN, HeldLevel
 from vehicle_plant.stepping import LockstepStepper, RealtimeStepper
@@ -15,22 +13,6 @@ AGE_MESSAGES = {
 }
 
 
-class HeldFault:
-    """A fault of one level, held for a while after it has ended (`HeldLevel`)."""
-
-    def __init__(self, level: int):
-        self._level = level
-        self._held = HeldLevel()
-        self.level = OK
-        self.message = ''  # of its last occurrence
-
-    def update(self, is_present: bool, message: str, now_ns: int) -> None:
-        """Take whether the fault is present now, and its message."""
-        if is_present:
-            self.message = message
-        self.level = self._held.update(self._level if is_present else OK, now_ns)
-
-
 class HealthMonitor:
     """Derives the health of a run: all faults present now or within the last two seconds.
 
@@ -40,12 +22,18 @@ class HealthMonitor:
     def __init__(self, stepper: LockstepStepper | RealtimeStepper):
         self._stepper = stepper
         self._rejected = self._missed = 0  # at the last call
-        self._gone, self._refused, self._late = map(HeldFault, (ERROR, WARN, WARN))
+        self._held = [HeldLevel() for _ in range(3)]
+        self._messages = [''] * 3  # of the last occurrence of each fault
 
     def health(self, stamp_ns: int) -> Health:
         """Return the health of a running plant at a stamp."""
         stepper, gate = self._stepper, self._stepper.car.gate
-        level, message = self._level_and_message(stamp_ns)
+        age_level, age = OK, {}
+        if isinstance(stepper, RealtimeStepper):
+            stepper.command_monitor.update(stamp_ns)
+            age_level = stepper.command_monitor.held_level
+            age = stepper.command_monitor.diagnostics(stamp_ns)
+        level, message = self._level_and_message(stamp_ns, age_level)
         values = {
             'commands_rejected': gate.rejected,
             'last_rejection': gate.last_reason or 'none',
@@ -53,36 +41,31 @@ class HealthMonitor:
             'missed_steps': stepper.missed_steps,
             'longest_gap_steps': stepper.longest_gap,
             'controller_gone': stepper.controller_gone,
-            **self._age_values(stamp_ns),
+            **age,
         }
         return Health(stamp_ns, NODE, level, message, values)
 
-    def _level_and_message(self, stamp_ns):
+    def _level_and_message(self, stamp_ns, age_level):
         stepper, gate = self._stepper, self._stepper.car.gate
-        refused, late = gate.rejected > self._rejected, stepper.missed_steps > self._missed
+        present = (
+            (stepper.controller_gone, ERROR, NO_COMMAND),
+            (gate.rejected > self._rejected, WARN, f'commands refused: {gate.last_reason}'),
+            (stepper.missed_steps > self._missed, WARN, 'steps came late and were caught up'),
+        )
         self._rejected, self._missed = gate.rejected, stepper.missed_steps
-        self._gone.update(stepper.controller_gone, NO_COMMAND, stamp_ns)
-        self._refused.update(refused, f'commands refused: {gate.last_reason}', stamp_ns)
-        self._late.update(late, 'steps came late and were caught up', stamp_ns)
-        faults = [(fault.level, fault.message) for fault in (self._gone, self._refused, self._late)]
-        age_level = self._age_level(stamp_ns)
-        if age_level in AGE_MESSAGES and self._gone.level == OK:  # which implies the age
-            faults.append((age_level, AGE_MESSAGES[age_level]))
+        faults = []
+        for i, (is_present, level, message) in enumerate(present):
+            if is_present:
+                self._messages[i] = message
+            faults.append((self._held[i].update(level if is_present else OK, stamp_ns), i))
+        gone = faults[0][0] != OK
+        shown = [(level, self._messages[i]) for level, i in faults if level != OK]
+        if age_level in AGE_MESSAGES and not gone:  # which implies the age
+            shown.append((age_level, AGE_MESSAGES[age_level]))
         # a stable sort: within a level in the order above
-        faults = sorted((f for f in faults if f[0] != OK), key=lambda fault: -fault[0])
-        level = max([age_level, *(level for level, _ in faults)])
-        return level, '; '.join(message for _, message in faults) or RUNNING
-
-    def _age_level(self, stamp_ns):
-        if not isinstance(self._stepper, RealtimeStepper):
-            return OK
-        self._stepper.command_monitor.update(stamp_ns)
-        return self._stepper.command_monitor.held_level
-
-    def _age_values(self, stamp_ns) -> dict[str, Any]:
-        if not isinstance(self._stepper, RealtimeStepper):
-            return {}
-        return self._stepper.command_monitor.diagnostics(stamp_ns)
+        shown.sort(key=lambda fault: -fault[0])
+        level = max([age_level, *(level for level, _ in shown)])
+        return level, '; '.join(message for _, message in shown) or RUNNING
 
 
 def waiting(stamp_ns: int, message: str) -> Health:

@@ -34,7 +34,6 @@ from node_runtime.parameters import ROAD_FRICTION
 from vehicle_plant import car, circular_driving, parameters, servo_lag
 from vehicle_plant.circular_driving import AxlePoints, CircleError, CircleParams
 from vehicle_plant.parameters import PlantParams
-from vehicle_plant.servo_lag import ServoLagError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -140,7 +139,7 @@ def identify(
 ) -> tuple[str, Callable[[], 'Figure']]:
     """Drive, fit, and return the text of the file, and what draws the figure.
 
-    Raises CircleError and ServoLagError for a car that cannot drive the manoeuvres.
+    Raises CircleError and RefusedError for a car that cannot drive the manoeuvres.
 
     options: those of the command line, recorded in the file.
     """
@@ -234,57 +233,46 @@ def main(arguments: list[str] | None = None) -> int:
         if options.tyre:
             plant = replace(plant, tyre=parameters.load_tyre(options.tyre, '--tyre'))
         text, draw_figure = identify(plant, options.friction, manoeuvre, recorded)
-    except (CircleError, ServoLagError, ValueError) as error:
+    except (CircleError, ValueError) as error:
         parser.exit(1, f'identify: {error}\n')
-    before = _read_values(options.out)
+    try:
+        before = yaml_parameters.read_file(options.out).values
+    except (yaml_parameters.ParameterError, OSError):
+        before = {}
     options.out.write_text(text)
     picture = options.figure or options.out.with_suffix('.png')
     draw_figure().savefig(picture, metadata={'Software': None})
     print(_describe_result(options.out, before))
     print(f'\nHow well the tyres fit: {picture}')
-    print(f'Drive with it:\n  {_driving_command(options)}')
+    settings = {'plant.plant_params': options.car, 'plant.tyre_set': options.tyre}
+    # a bare name would be a file of the package
+    out = options.out if os.sep in str(options.out) else f'.{os.sep}{options.out}'
+    settings['controller.car_file'] = out
+    given = (f'--set {shlex.quote(f"{name}={v}")}' for name, v in settings.items() if v)
+    print(f'Drive with it:\n  experiments run double_lane_change {" ".join(given)}')
     return 0
 
 
-def _read_values(path: Path) -> dict:
-    """Return the values of an earlier car file by dotted name, {} without one that can be read."""
-    try:
-        return yaml_parameters.read_file(path).values
-    except (yaml_parameters.ParameterError, OSError):
-        return {}
-
-
 def _describe_result(path: Path, before: dict) -> str:
-    """Return the values of a car file as a table, beside those that it had before."""
+    """Return the values of a car file as a table, beside those that it had before, {} for none."""
     file = yaml_parameters.read_file(path)
+
+    def text(value):
+        if value is None:
+            return '-'
+        # an earlier file may hold anything
+        return f'{value:.6g}' if isinstance(value, int | float) else str(value)
+
     rows = [(path.name, 'value', *(('before',) if before else ()), 'unit, meaning')]
     for name, value in file.values.items():
-        earlier = (_number(before.get(name)),) if before else ()
-        rows.append((name, _number(value), *earlier, file.comments.get(name, '')))
+        earlier = (text(before.get(name)),) if before else ()
+        rows.append((name, text(value), *earlier, file.comments.get(name, '')))
     widths = [max(map(len, column)) for column in zip(*rows)]
     lines = []
     for name, *numbers, meaning in rows:
         cells = [text.rjust(width) for text, width in zip(numbers, widths[1:])]
         lines.append('  '.join((name.ljust(widths[0]), *cells, meaning)).rstrip())
     return '\n'.join(lines)
-
-
-def _number(value) -> str:
-    if value is None:
-        return '-'
-    # an earlier file may hold anything
-    return f'{value:.6g}' if isinstance(value, int | float) else str(value)
-
-
-def _driving_command(options: argparse.Namespace) -> str:
-    """Return the command that drives the car which was identified."""
-    plant = {'plant_params': options.car, 'tyre_set': options.tyre}
-    settings = [f'plant.{name}={value}' for name, value in plant.items() if value]
-    # a bare name would be a file of the package
-    out = options.out if os.sep in str(options.out) else f'.{os.sep}{options.out}'
-    settings.append(f'controller.car_file={out}')
-    given = ' '.join(f'--set {shlex.quote(setting)}' for setting in settings)
-    return f'experiments run double_lane_change {given}'
 
 
 if __name__ == '__main__':

@@ -4,7 +4,6 @@ Classical Runge-Kutta method of fourth order, 1 ms. The fastest modes are wheel 
 carcass (160 rad/s), wheel hop (75 rad/s) and the damping of a gripping brake (some 400 1/s): all
 within its stability limit of 2.8/ms, at every speed including standstill because slip is a state.
 Constraints (linings, mechanical stops) are projected after each step; there the order is one.
-`advance_interpreted` defines the same steps without compiled code.
 
 `Model` says what is integrated. Every function takes one; without it, the double track.
 """
@@ -13,7 +12,6 @@ import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +26,8 @@ from vehicle_plant.parameters import PlantParams
 from vehicle_plant.state import Outputs, PerWheel, SetPoints, State
 
 STEP_S = 1e-3
+# state, then outputs
+ROW_SIZE = len(named_vector.names(State)) + len(named_vector.names(Outputs))
 # no fused multiply-add and no CPU-specific code: the same bits on every x86-64 machine
 FLAGS = ('-O2', '-fno-math-errno', '-ffp-contract=off')
 
@@ -160,29 +160,6 @@ def plant_functions(model: Model = DOUBLE_TRACK) -> tuple[ca.Function, ca.Functi
     )
 
 
-@cache
-def step_function(model: Model = DOUBLE_TRACK) -> ca.Function:
-    """Return step(x, u_begin, u_end, h, p) -> (x, outputs) after one Runge-Kutta step of h [s]."""
-    derivative, projection = plant_functions(model)
-    n_x, n_u, n_p = (derivative.size1_in(i) for i in range(3))
-    x, begin, end, p = (ca.MX.sym(name, n) for name, n in zip('xabp', (n_x, n_u, n_u, n_p)))
-    h = ca.MX.sym('h')
-    middle = (begin + end) * 0.5
-    k1, _ = derivative(x, begin, p)
-    k2, _ = derivative(x + h * 0.5 * k1, middle, p)
-    k3, _ = derivative(x + h * 0.5 * k2, middle, p)
-    k4, _ = derivative(x + h * k3, end, p)
-    after = projection(x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), p)
-    _, outputs = derivative(after, end, p)
-    return ca.Function('step', [x, begin, end, h, p], [after, outputs])
-
-
-@cache
-def row_size() -> int:
-    """Return the length of a row: state, then outputs."""
-    return len(named_vector.names(State)) + len(named_vector.names(Outputs))
-
-
 def row(x: np.ndarray, u: np.ndarray, p: np.ndarray, model: Model = DOUBLE_TRACK) -> np.ndarray:
     """Return the row of a flat state x under set-points u, p as `with_local_friction`."""
     derivative, _ = plant_functions(model)
@@ -214,8 +191,8 @@ def library(model: Model = DOUBLE_TRACK) -> Path:
 
 
 @cache
-def compiled_advance(model: Model = DOUBLE_TRACK):
-    """Return the C function of the driver. Raises CompileError."""
+def _compiled_advance(model):
+    """Return `advance` of the driver."""
     function = ctypes.CDLL(str(library(model))).advance
     pointer = ctypes.c_void_p
     function.argtypes = [*(pointer,) * 4, ctypes.c_double, pointer, ctypes.c_long]
@@ -244,36 +221,11 @@ def advance(
         ends = np.arange(len(set_points))
         fine = np.arange((len(set_points) - 1) * parts + 1) / parts
         set_points = np.column_stack([np.interp(fine, ends, column) for column in set_points.T])
-    x, rows = _advance(x, set_points, p, h / parts, patches, model)
-    return x, rows[parts - 1 :: parts]
-
-
-def _advance(x, set_points, p, h, patches, model):
-    function = compiled_advance(model)
-    rows = np.empty((len(set_points) - 1, row_size()))
     arrays = [np.array(x, dtype=float)]  # the C code advances it in place
     arrays += [np.ascontiguousarray(array, dtype=float) for array in (set_points, p)]
-    has_patches = patches is not None and len(patches) > 0
-    padded = road_friction.pad_patches(patches) if has_patches else None
+    padded = None if patches is None or not len(patches) else road_friction.pad_patches(patches)
     pointers = [array.ctypes.data for array in arrays]
-    pointers.append(padded.ctypes.data if has_patches else None)
-    function(*pointers, h, rows.ctypes.data, len(rows))
-    return arrays[0], rows
-
-
-def advance_interpreted(x, set_points, p, h=STEP_S, patches=None) -> np.ndarray:
-    """Do the same as `advance` without compiled code."""
-    return _interpret(x, set_points, p, h, patches, DOUBLE_TRACK)[1]
-
-
-def _interpret(x, set_points, p, h, patches, model):
-    step = step_function(model)
-    has_patches = patches is not None and len(patches) > 0
-    local = with_local_friction(x, p, patches, model) if has_patches else p
-    rows = np.empty((len(set_points) - 1, row_size()))
-    for i, (begin, end) in enumerate(pairwise(set_points)):
-        x = np.asarray(step(x, begin, end, h, local)[0]).ravel()
-        if has_patches:
-            local = with_local_friction(x, p, patches, model)
-        rows[i] = row(x, end, local, model)
-    return x, rows
+    pointers.append(None if padded is None else padded.ctypes.data)
+    rows = np.empty((len(set_points) - 1, ROW_SIZE))
+    _compiled_advance(model)(*pointers, h / parts, rows.ctypes.data, len(rows))
+    return arrays[0], rows[parts - 1 :: parts]

@@ -1,5 +1,8 @@
 """Drive a standard manoeuvre with the plant: a table, its numbers as JSON, a figure.
 
+The figure has the motion over time, and the numbers of several levels (of braking, amplitude or
+frequency) over them.
+
 manoeuvre NAME [--car vw_gti.yaml] [--friction F] [--out DIR]
 manoeuvre --list
 
@@ -8,9 +11,14 @@ Cars are files in config/, or paths with a folder.
 
 import argparse
 import json
+import math
+import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from node_runtime.parameters import ParameterError
 from vehicle_plant import parameters
@@ -24,7 +32,8 @@ from vehicle_plant.manoeuvres import (
     straight_braking,
     turn_braking,
 )
-from vehicle_plant.manoeuvres.procedure import Case, Number
+from vehicle_plant.manoeuvres.procedure import Case, Number, Run
+from vehicle_plant.state import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,12 +49,71 @@ _ABOUT = {
 MANOEUVRES = {module.__name__.rpartition('.')[2]: module for module in _ABOUT}
 
 
+# drawn over time; the side slip is that of the CoG
+SIGNALS = {
+    'road-wheel angle [deg]': lambda column: np.degrees(column('servos.steer.position')),
+    'yaw rate [deg/s]': lambda column: np.degrees(column('planar.r')),
+    'lateral acceleration [m/s²]': lambda column: column('acceleration.ay'),
+    'side slip [deg]': lambda column: np.degrees(
+        np.arctan2(column('planar.vy'), column('planar.vx'))
+    ),
+    'roll [deg]': lambda column: np.degrees(column('ride.phi')),
+    'speed [m/s]': lambda column: column('planar.vx'),
+    'deceleration [m/s²]': lambda column: -column('acceleration.ax'),
+}
+COLUMNS = 3  # of the figure
+# a number at one of several levels: its name, the level, and what the level is
+LEVEL = re.compile(r'(\w+?)(?:_at)?_([\d.]+)(?:_hz)?$')
+LEVELS = {
+    'sine_sweep': 'frequency [Hz]',
+    'turn_braking': 'deceleration [m/s²]',
+    'sine_with_dwell': 'amplitude [of its unit]',
+}
+
+
 def perform(name: str, case: Case) -> tuple[dict[str, Number], 'Figure']:
     """Drive a manoeuvre; return its numbers and its figure. Raises ValueError."""
     manoeuvre = MANOEUVRES[name]
     runs = manoeuvre.runs(case)
     trajectories = [procedure.drive(run, case) for run in runs]
-    return manoeuvre.numbers(case, runs, trajectories), manoeuvre.draw(case, runs, trajectories)
+    numbers = manoeuvre.numbers(case, runs, trajectories)
+    return numbers, draw(name, case, runs, trajectories, numbers)
+
+
+def draw(
+    name: str,
+    case: Case,
+    runs: Sequence[Run],
+    trajectories: Sequence[Trajectory],
+    numbers: dict[str, Number],
+) -> 'Figure':
+    """Return the motion of every run over time, and what was found at each level."""
+    # half a second, which the help must not take
+    from matplotlib.figure import Figure
+
+    levels: dict[str, list[tuple[float, Number]]] = {}
+    for match, number in ((LEVEL.match(key), number) for key, number in numbers.items()):
+        if match and name in LEVELS:
+            levels.setdefault(match[1], []).append((float(match[2]), number))
+    count = len(SIGNALS) + len(levels)
+    rows = math.ceil(count / COLUMNS)
+    figure = Figure(figsize=(12, 2.4 * rows), layout='constrained')
+    panels = figure.subplots(rows, COLUMNS).ravel()
+    for axes, (label, signal) in zip(panels, SIGNALS.items()):
+        for run, trajectory in zip(runs, trajectories):
+            t = procedure.times(trajectory) - case.settings.settle_s
+            axes.plot(t, signal(trajectory.column), label=run.label)
+        axes.set(ylabel=label, xlabel='time since the manoeuvre begins [s]')
+    for axes, (key, points) in zip(panels[len(SIGNALS) :], levels.items()):
+        axes.plot([level for level, _ in points], [number.value for _, number in points], 'o-')
+        axes.set(ylabel=f'{key.replace("_", " ")} [{points[0][1].unit}]', xlabel=LEVELS[name])
+    for axes in panels[count:]:
+        axes.remove()
+    for axes in figure.axes:
+        axes.grid()
+    panels[0].legend(fontsize='small', ncols=2)
+    figure.suptitle(f'{name}, {_ABOUT[MANOEUVRES[name]]}; friction {case.friction:g}')
+    return figure
 
 
 def table(numbers: dict[str, Number]) -> str:

@@ -25,6 +25,10 @@ _WITH_EVERY_MODEL = (
     *(f'scaling.{axle}.{factor}' for axle in ('front', 'rear') for factor in ('LMUX', 'LMUY')),
 )
 # of plant_node, beside those of its file; `from` is no name for a field
+_START_FROM = (
+    'where the car starts: at the first pose of the path at its speed there, or as the other '
+    '`start.` parameters say; `experiments run` sets parameters'
+)
 EXTRAS = GroupDoc(
     '',
     'Of plant_node, not in a file of a car.',
@@ -32,13 +36,7 @@ EXTRAS = GroupDoc(
         ParameterDoc(name, 'text', '-', None, None, words, default, False, meaning)
         for name, words, default, meaning in (
             ('plant_params', (), DEFAULT_CAR, 'file of the car: in config/, or a path'),
-            (
-                'start.from',
-                ('reference', 'parameters'),
-                'reference',
-                'where the car starts: at the first pose of the path at its speed there, or as the '
-                'other `start.` parameters say; `experiments run` sets parameters',
-            ),
+            ('start.from', ('reference', 'parameters'), 'reference', _START_FROM),
         )
     ),
 )

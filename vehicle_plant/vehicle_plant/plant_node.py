@@ -8,7 +8,7 @@ from rcl_interfaces.msg import ParameterDescriptor
 from msgs_yaml import conversions, decode, encode
 from msgs_yaml.decode import DecodeError
 from msgs_yaml.types import Reference
-from node_runtime import help_node, ros, spin_node, subscriptions_node
+from node_runtime import ros, spin_node, subscriptions_node
 from node_runtime.log_filters import ChangeFilter, RejectionLog
 from node_runtime.managed_node import ManagedNode
 from node_runtime.parameters import ParameterError
@@ -181,8 +181,7 @@ def main() -> int:
     """Run the node."""
     about = 'Simulate the car: publish its state, and obey the commands of a controller.'
     example = '--ros-args -p mode:=realtime -p friction:=0.9'
-    help_node.parse(help_node.parser(about, example))
-    return spin_node.spin(PlantNode)
+    return spin_node.run(PlantNode, about, example)
 
 
 if __name__ == '__main__':

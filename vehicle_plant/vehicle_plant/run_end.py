@@ -46,11 +46,6 @@ class RunEnd:
         """Whether the car has stood still for a second."""
         return self._standing_s >= _STANDSTILL_S
 
-    @property
-    def _stays(self) -> bool:
-        """Whether the car has stood still for as long as it may."""
-        return self._standing_s >= (self._stop.standstill_s or _STANDSTILL_S)
-
     def check(self, piece: Trajectory) -> Outcome | None:
         """Return how the run ended within these rows, or None. Call once per piece, in order."""
         crossing_ns = self._find_crossing(piece)
@@ -63,7 +58,8 @@ class RunEnd:
         if (now_ns - self._start_ns) / NS_PER_S >= self._stop.time_s:
             message = f'finish line not reached within {self._stop.time_s:g} s'
             return Outcome(FAILED, message, now_ns)
-        if self._stays and self._moved:
+        longest_s = self._stop.standstill_s or _STANDSTILL_S
+        if self._standing_s >= longest_s and self._moved:
             return Outcome(FAILED, 'the car stands still', now_ns)
         return None
 

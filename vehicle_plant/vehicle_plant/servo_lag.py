@@ -18,10 +18,6 @@ RAMP_TICKS = 24  # 1.2 s, tens of time constants of a servo
 SETTLED_TICKS = 4  # over which the lag is averaged
 
 
-class ServoLagError(RuntimeError):
-    """The plant refuses the ramps."""
-
-
 class ServoLags(NamedTuple):
     """How long an actuator is behind a set-point that moves at a constant rate."""
 
@@ -32,7 +28,7 @@ class ServoLags(NamedTuple):
 def measure(plant: PlantParams, friction: float) -> ServoLags:
     """Return the lags of steering and total force on a ramp of each; a delay is part of the lag.
 
-    For the second-order servo it is 2 zeta / omega. Raises ServoLagError.
+    For the second-order servo it is 2 zeta / omega. Raises RefusedError.
     """
     steer = _ramp(plant, friction, STEER_RATE_RADPS, 0.0)
     force = _ramp(plant, friction, 0.0, FORCE_RATE_NPS)
@@ -50,11 +46,7 @@ def _ramp(plant, friction, steer_rate, force_rate):
     for _ in range(RAMP_TICKS):
         t = (car.stamp_ns + TICK_NS - began_ns) / 1e9
         force = force_rate * t / 2
-        if not car.command(
-            Command(car.stamp_ns, steer_rate * t, steer_rate, force, force)
-        ).accepted:
-            raise ServoLagError(f'the plant refuses the ramp: {car.gate.last_reason}')
-        tracks.append(car.advance(None, TICK_STEPS))
+        tracks.append(car.follow(Command(car.stamp_ns, steer_rate * t, steer_rate, force, force)))
     return join_trajectories(tracks)
 
 

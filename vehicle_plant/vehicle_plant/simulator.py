@@ -18,6 +18,10 @@ TICK_STEPS = TICK_NS // STEP_NS
 START_NS = 1_000_000_000  # ROS takes 0 for "no time"
 
 
+class RefusedError(ValueError):
+    """The gate refuses a command."""
+
+
 class Simulator:
     """The car on a road, in 1 ms steps. The same commands give the same trajectory, bit by bit."""
 
@@ -89,6 +93,13 @@ class Simulator:
             target = SetPoints(command.delta, command.Fxf, command.Fxr)
             self._ramp.set_target(target, due_ns // STEP_NS)
         return verdict
+
+    def follow(self, command: Command) -> Trajectory:
+        """Advance by 50 ms under a command. Raises RefusedError when it does not pass the gate."""
+        verdict = self.command(command)
+        if not verdict.accepted:
+            raise RefusedError(f'the plant refuses the command: {verdict.reason}')
+        return self.advance(None, TICK_STEPS)
 
     def brake_straight(self) -> None:
         """Steer straight and brake to standstill, whatever the last command was.

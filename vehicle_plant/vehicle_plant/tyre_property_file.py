@@ -104,26 +104,39 @@ class PropertyFile(NamedTuple):
 def load(path: Path) -> TyreCoefficients:
     """Read a tyre. Raises ParameterError that names file, line and key, and OSError."""
     file = _read(path)
-    _check_units(file)
-    formula = _formula(file)
-    raw = _coefficients(file)
-    checked = parameters.build(TyreCoefficients, raw, lambda key: _source(file, key))
-    values = {key.rpartition('.')[2]: v for key, v in parameters.flatten(checked).items()}
-    values = _scaled(file, values)
-    if formula == '5.2':
-        # its camber shift is PHY3 alone, without the two terms that 6.1 has instead
-        values |= {'PKY6': 0.0, 'PKY7': 0.0, 'SHY3': 0.0}
-    if _side(file) == 'RIGHT':
-        values |= {key: -values[key] for key in _ONE_SIDED}
-    scaled = {key: values[key.rpartition('.')[2]] for key in raw}
-    return parameters.build(TyreCoefficients, scaled, path)
-
-
-def _check_units(file: PropertyFile) -> None:
     for key, entry in file.sections.get('UNITS', {}).items():
         if key in _SI and entry.text.lower() not in _SI[key]:
             words = ' or '.join(_SI[key])
             raise file.error(entry.line, f'{key}: unit {entry.text!r} is unknown; allowed {words}')
+    formula = _formula(file)
+
+    def source(dotted):
+        entry = file.find(dotted.rpartition('.')[2])
+        return f'{file.path}:{entry.line}' if entry else str(file.path)
+
+    raw = _coefficients(file)
+    checked = parameters.build(TyreCoefficients, raw, source)
+    values = {key.rpartition('.')[2]: v for key, v in parameters.flatten(checked).items()}
+    for factor, neutral in _NEUTRAL.items():
+        if _number(file, factor) not in (None, neutral):
+            line = file.find(factor).line
+            raise file.error(line, f'{factor}: is not supported; allowed {neutral:g}')
+    for factor, leaf in parameters.leaves(TyreScaling).items():
+        given = _number(file, factor)
+        if given is not None:
+            parameters.check(leaf, given, factor, source)
+            values |= {key: values[key] * given for key in _SCALED[factor]}
+    if formula == '5.2':
+        # its camber shift is PHY3 alone, without the two terms that 6.1 has instead
+        values |= {'PKY6': 0.0, 'PKY7': 0.0, 'SHY3': 0.0}
+    entry = file.find('TYRESIDE')
+    side = entry.text.upper() if entry else 'LEFT'
+    if side not in _SIDES:
+        raise file.error(entry.line, f'TYRESIDE: is {side!r}; allowed {" or ".join(_SIDES)}')
+    if side == 'RIGHT':
+        values |= {key: -values[key] for key in _ONE_SIDED}
+    scaled = {key: values[key.rpartition('.')[2]] for key in raw}
+    return parameters.build(TyreCoefficients, scaled, path)
 
 
 def _formula(file: PropertyFile) -> str:
@@ -138,14 +151,6 @@ def _formula(file: PropertyFile) -> str:
         line = entry.line if entry else file.lines.get('MODEL')
         raise file.error(line, f'FITTYP: is missing; allowed {" or ".join(_FORMULAS)}')
     return _FORMATS[entry.text.upper()]
-
-
-def _side(file: PropertyFile) -> str:
-    entry = file.find('TYRESIDE')
-    side = entry.text.upper() if entry else 'LEFT'
-    if side not in _SIDES:
-        raise file.error(entry.line, f'TYRESIDE: is {side!r}; allowed {" or ".join(_SIDES)}')
-    return side
 
 
 def _number(file: PropertyFile, key: str) -> float | None:
@@ -177,25 +182,6 @@ def _coefficients(file: PropertyFile) -> dict[str, float]:
     return values
 
 
-def _source(file: PropertyFile, dotted: str) -> str:
-    entry = file.find(dotted.rpartition('.')[2])
-    return f'{file.path}:{entry.line}' if entry else str(file.path)
-
-
-def _scaled(file: PropertyFile, values: dict[str, float]) -> dict[str, float]:
-    for factor, neutral in _NEUTRAL.items():
-        if _number(file, factor) not in (None, neutral):
-            line = file.find(factor).line
-            raise file.error(line, f'{factor}: is not supported; allowed {neutral:g}')
-    values = dict(values)
-    for factor, leaf in parameters.leaves(TyreScaling).items():
-        given = _number(file, factor)
-        if given is not None:
-            parameters.check(leaf, given, factor, lambda key: _source(file, key))
-            values |= {key: values[key] * given for key in _SCALED[factor]}
-    return values
-
-
 def _read(path: Path) -> PropertyFile:
     """Read a property file. Raises ParameterError that names file and line, and OSError."""
     file = PropertyFile(Path(path), {}, {})
@@ -208,14 +194,10 @@ def _read(path: Path) -> PropertyFile:
             file.lines.setdefault(section, line)
             file.sections.setdefault(section, {})
         elif match := _ENTRY.match(text):
-            _add(file, section, match[1].upper(), Entry(match[2].strip('\'" \t'), line))
+            entries, key = file.sections.setdefault(section, {}), match[1].upper()
+            if key in entries:
+                raise file.error(line, f'{key}: is there already, in line {entries[key].line}')
+            entries[key] = Entry(match[2].strip('\'" \t'), line)
         elif text and not _TABLE.match(text):
             raise file.error(line, f'{text!r} is no section, no KEY = value and no table')
     return file
-
-
-def _add(file, section, key, entry):
-    entries = file.sections.setdefault(section, {})
-    if key in entries:
-        raise file.error(entry.line, f'{key}: is there already, in line {entries[key].line}')
-    entries[key] = entry

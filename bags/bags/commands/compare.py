@@ -51,19 +51,13 @@ class _ListMetrics(argparse.Action):
 def run(args: argparse.Namespace) -> int:
     """Compare and show. Raises BagError."""
     from bags.report.comparison import compare_bags, show_comparison
+    from bags.storage.mcap_reader import looks_like_bag
 
-    bags = _leave_out_others(args.bags)
+    # as in FOLDER/*
+    others = [path for path in args.bags if path.exists() and not looks_like_bag(path)]
+    bags = [path for path in args.bags if path not in others] or args.bags
+    if len(bags) < len(args.bags):
+        print(f'left out, since they are no bags: {", ".join(map(str, others))}', file=sys.stderr)
     out = args.out or Path(os.path.abspath(bags[0])).parent
     show_comparison(compare_bags(bags, out, args.force, args.claims, args.overlay), Console())
     return 0
-
-
-def _leave_out_others(paths):
-    """Return the paths without what is no bag, as in FOLDER/*; all of them where none is one."""
-    from bags.storage.mcap_reader import looks_like_bag
-
-    others = [path for path in paths if path.exists() and not looks_like_bag(path)]
-    if not others or len(others) == len(paths):
-        return paths
-    print(f'left out, since they are no bags: {", ".join(map(str, others))}', file=sys.stderr)
-    return [path for path in paths if path not in others]

@@ -20,10 +20,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compute the distances and show them. Raises BagError."""
+    from bags import run as run_of
     from bags.figures import frame_distance_figure
 
     out = args.out or Path(os.path.abspath(args.bag)).parent
-    show(frame_distance_figure.write_from_bag(args.bag, out), Console())
+    drive = run_of.load(args.bag).drive
+    show(frame_distance_figure.write_frame_distances(drive, out), Console())
     return 0
 
 

@@ -31,12 +31,12 @@ def run(args: argparse.Namespace) -> int:
     from bags.report import overview
 
     chosen = overview.choose_metrics(args.metric or overview.SHOWN)
-    rows = overview.read_rows(overview.find_bags(args.paths))
-    overview.check_single(rows, chosen)
+    runs = overview.read_runs(overview.find_bags(args.paths))
+    overview.check_single(runs, chosen)
     console = Console()
-    console.print(overview.build_table(rows, chosen))
-    for line in overview.unlike(rows):
+    console.print(overview.build_table(runs, chosen))
+    for line in overview.unlike(runs):
         command_line.print_text(console, f'not comparable: {line}', 'red')
     if args.out:
-        command_line.print_paths(console, overview.write_overview(rows, chosen, args.out))
+        command_line.print_paths(console, overview.write_overview(runs, chosen, args.out))
     return 0

@@ -73,39 +73,32 @@ def _summarize_ticks(bag):
     """Return latency and ticks, from the times at which states and commands were sent."""
     if not read.has_messages(bag, STATE, COMMAND):
         return {'latency_ms': None, 'ticks': None}
-    latency_ms = MS_PER_S * command_latency(bag).latency_s
+    known = quantiles(MS_PER_S * command_latency(bag).latency_s)
     counts = count_ticks(bag)
-    known = quantiles(latency_ms)
+    names = ('count', 'missed', 'unanswered', 'late', 'blind')
     return {
         'latency_ms': {name: known[name] for name in ('p50', 'p99', 'max')} if known else None,
-        'ticks': {
-            'count': counts.count,
-            'missed': counts.missed,
-            'unanswered': counts.unanswered,
-            'late': counts.late,
-            'blind': counts.blind,
-        },
+        'ticks': {name: getattr(counts, name) for name in names},
     }
 
 
 def _summarize_reports(bag):
-    """Return how often the controller reported each fallback level, and why it fell back."""
+    """Return how often the controller reported each fallback level, and why it fell back.
+
+    Counted apart are the answers to the state that ended the run, which is no tick.
+    """
     if not read.has_messages(bag, WHY):
         return {'rungs': None, 'fallbacks': None, 'reports': None}
     whys = controller_reports(bag)
     reports = [why.values for why in whys]
     fell_back = [report for report in reports if report.get('rung') not in FRESH_PLAN]
+    last_ns = None
+    if read.has_messages(bag, STATE):
+        last_ns = int(recording_stamps_ns(read.recording(bag, STATE)).max())
+    on_last = [why.values.get('reason') for why in whys if why.stamp_ns == last_ns]
+    on_last = sum(reason != STATE_STALE for reason in on_last)
     return {
         'rungs': dict(Counter(str(report.get('rung')) for report in reports)),
         'fallbacks': dict(Counter(str(report.get('reason')) for report in fell_back)),
-        'reports': {'count': len(reports), 'on_last_state': _count_on_last_state(bag, whys)},
+        'reports': {'count': len(reports), 'on_last_state': on_last},
     }
-
-
-def _count_on_last_state(bag, whys):
-    """Count answers to the state that ended the run, which is no tick."""
-    if not read.has_messages(bag, STATE):
-        return 0
-    last_ns = int(recording_stamps_ns(read.recording(bag, STATE)).max())
-    on_last = (why for why in whys if why.stamp_ns == last_ns)
-    return sum(why.values.get('reason') != STATE_STALE for why in on_last)

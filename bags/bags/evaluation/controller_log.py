@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bags.storage import read
 from bags.storage.columns import Columns
 from msgs_yaml.types import Prediction, Why
 
@@ -40,12 +39,6 @@ class ControllerLog(NamedTuple):
 
 
 EMPTY_LOG = ControllerLog({}, (), np.empty(0, dtype=np.int64), {})
-
-
-def read_controller_log(bag: read.Bag) -> ControllerLog:
-    """Return the log in a bag; parts that the controller did not publish are empty."""
-    topics = [topic for topic in (PREDICTION, WHY) if read.has_messages(bag, topic)]
-    return controller_log(read.columns(bag, topics), bag.run_info)
 
 
 def controller_log(tables: Mapping[str, Columns], run_info: Mapping[str, str]) -> ControllerLog:

@@ -22,16 +22,11 @@ def describe_runs(names: Sequence[str], infos: Sequence[Mapping[str, str]]) -> D
     """Return the descriptions of runs by their names; `infos` are their metadata records `run`."""
     text = infos[0].get(SCENARIO_TEXT, '')
     controllers = {name: info.get(CONTROLLER_TEXT) or UNKNOWN for name, info in zip(names, infos)}
-    return Descriptions(_scenario(text), text, controllers)
-
-
-def _scenario(text):
     try:
-        content = yaml.safe_load(text)
-    except yaml.YAMLError:
-        return UNKNOWN
-    described = content.get('description') if isinstance(content, dict) else None
-    return str(described) if described else UNKNOWN
+        described = yaml.safe_load(text)['description']
+    except (yaml.YAMLError, TypeError, KeyError):
+        described = None
+    return Descriptions(str(described or UNKNOWN), text, controllers)
 
 
 def leading_comment(text: str) -> str:

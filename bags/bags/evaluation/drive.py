@@ -1,4 +1,4 @@
-"""One run as arrays in SI units: `drive_from_bag(bag)`, `drive_from_columns(columns, ...)`.
+"""One run as arrays in SI units: `drive_from_columns(columns, ...)`.
 
 Positions are in the frame `map`, velocities and accelerations in `base_link` (ISO 8855).
 """
@@ -14,9 +14,7 @@ from bags.errors import BagError
 from bags.evaluation.controller_log import is_answer, report_numbers
 from bags.evaluation.geometry import Outline
 from bags.evaluation.vehicle_shape import circles_of, outline_of
-from bags.storage import read
 from bags.storage.columns import Columns
-from bags.storage.invalid_messages import drop_invalid
 from bags.storage.read import LOCKSTEP
 from msgs_yaml import contract
 from msgs_yaml.conversions import NS_PER_S
@@ -136,15 +134,6 @@ class Drive(NamedTuple):
         return f'Drive({facts.scenario} by {facts.controller}, {len(motion.x)} states)'
 
 
-def drive_from_bag(bag: read.Bag) -> Drive:
-    """Return the drive in a bag, of its valid messages; BagError names what it lacks."""
-    bag = drop_invalid(bag)
-    others = (*MEASURED_TOPICS, *CONTROLLER_TOPICS)
-    present = [topic for topic in others if read.has_messages(bag, topic)]
-    columns = read.columns(bag, (*REQUIRED_TOPICS, *present))
-    return drive_from_columns(columns, bag.run_info, str(bag.path))
-
-
 def drive_from_columns(
     columns: Mapping[str, Columns], run_info: Mapping[str, str], name: str
 ) -> Drive:
@@ -153,23 +142,20 @@ def drive_from_columns(
     Without /vehicle/imu there are no accelerations, without /vehicle/actuators no inputs. Raises
     BagError in lockstep when two controllers answered, and for missing parameters.
     """
-    state = columns['/vehicle/odometry']
-    actuators, imu = (columns.get(topic) for topic in MEASURED_TOPICS)
     if run_info.get('mode') == LOCKSTEP:
         _refuse_second_controller(columns, name)
+    reference, edges, obstacles, state = (columns[topic] for topic in REQUIRED_TOPICS)
+    actuators, imu = (columns.get(topic) for topic in MEASURED_TOPICS)
     return Drive(
         Motion(state.stamp_ns, state.x_m, state.y_m, state.yaw_rad, state.vx_mps, state.vy_mps),
         Accelerations(imu.stamp_ns, imu.ax_mps2, imu.ay_mps2) if imu else NO_ACCELERATIONS,
-        _inputs(actuators) if actuators else NO_INPUTS,
-        _ticks(columns),
-        _scene(columns),
+        Inputs(actuators.stamp_ns, actuators.steer_rad, actuators.front_x_n + actuators.rear_x_n)
+        if actuators
+        else NO_INPUTS,
+        _ticks(*(columns.get(topic) for topic in CONTROLLER_TOPICS)),
+        _scene(reference.values[-1], edges.values[-1], obstacles),
         facts_from_run_info(run_info, name),
     )
-
-
-def _inputs(actuators):
-    force = actuators.front_x_n + actuators.rear_x_n
-    return Inputs(actuators.stamp_ns, actuators.steer_rad, force)
 
 
 def _refuse_second_controller(columns, name):
@@ -184,45 +170,37 @@ def _refuse_second_controller(columns, name):
             )
 
 
-def _ticks(columns):
-    command, why = (columns.get(topic) for topic in CONTROLLER_TOPICS)
+def _ticks(command, why):
     reports = [value.values for value in why.values] if why else []
-    answered = np.empty(0, dtype=np.int64)
+    answered = EMPTY_NS
     if command:
         answered = command.stamp_ns[is_answer(command.stamp_ns, why.values if why else ())]
-    last = reports[-1] if reports else {}
+    rungs = [report.get('rung') for report in reports]
     return Ticks(
         answered,
         report_numbers(reports, 'time.solve_ms'),
         report_numbers(reports, 'time.solve_cpu_ms'),
-        np.array([report.get('rung') not in FRESH_PLAN for report in reports], dtype=bool),
-        '' if last.get('rung') in FRESH_PLAN else str(last.get('reason', '')),
+        np.array([rung not in FRESH_PLAN for rung in rungs], dtype=bool),
+        '' if not rungs or rungs[-1] in FRESH_PLAN else str(reports[-1].get('reason', '')),
         why.stamp_ns if why else EMPTY_NS,
-        np.array([report.get('rung') == CONVERGED_PLAN for report in reports], dtype=bool),
+        np.array([rung == CONVERGED_PLAN for rung in rungs], dtype=bool),
     )
 
 
-def _scene(columns):
-    reference = columns['/scenario/reference'].values[-1]
-    edges = columns['/scenario/road_edges'].values[-1]
-    messages = columns['/scenario/obstacles']
-    ids = sorted({obstacle.id for message in messages.values for obstacle in message.items})
+def _scene(reference, edges, obstacles):
+    # length over duration; none of a path whose poses have no times
+    duration = reference.t[-1] - reference.t[0]
+    length = np.hypot(np.diff(reference.X), np.diff(reference.Y)).sum()
+    has_times = math.isfinite(duration) and duration > 0.0
+    ids = sorted({item.id for message in obstacles.values for item in message.items})
     return Scene(
         _polyline('/scenario/reference', np.column_stack([reference.X, reference.Y])),
         _polyline('/scenario/road_edges', edges.left),
         _polyline('/scenario/road_edges', edges.right),
-        np.maximum.accumulate(messages.stamp_ns),  # an array without markers has no stamp
-        tuple(_obstacle(number, messages.values) for number in ids),
-        _desired_speed(reference),
+        np.maximum.accumulate(obstacles.stamp_ns),  # an array without markers has no stamp
+        tuple(_obstacle(number, obstacles.values) for number in ids),
+        float(length / duration) if has_times else None,
     )
-
-
-def _desired_speed(reference):
-    """Return length over duration of a path; None for one whose poses have no times."""
-    duration = reference.t[-1] - reference.t[0]
-    if not (math.isfinite(duration) and duration > 0.0):
-        return None
-    return float(np.hypot(np.diff(reference.X), np.diff(reference.Y)).sum() / duration)
 
 
 def _polyline(topic, points):
@@ -319,20 +297,19 @@ def drop_nonfinite(drive: Drive) -> Drive:
     Raises BagError when no state of the car is left, and for samples more than LONGEST_S apart:
     metrics that sample every 10 ms take memory for all of that time.
     """
-    sampled = {n: _finite_rows(getattr(drive, n)) for n in ('motion', 'accelerations', 'inputs')}
-    name = drive.facts.controller
-    if not sampled['motion'].stamp_ns.size:
-        raise BagError(f'{name}: no state of the car is finite')
-    for columns in sampled.values():
+    name, sampled = drive.facts.controller, {}
+    for part in ('motion', 'accelerations', 'inputs'):
+        columns = getattr(drive, part)
+        kept = np.all([np.isfinite(column) for column in columns], axis=0)
+        if not kept.all():
+            columns = type(columns)(*(column[kept] for column in columns))
+        sampled[part] = columns
         span_s = int(np.ptp(columns.stamp_ns)) / NS_PER_S if columns.stamp_ns.size else 0.0
+        if part == 'motion' and not columns.stamp_ns.size:
+            raise BagError(f'{name}: no state of the car is finite')
         if span_s > LONGEST_S:
             raise BagError(
                 f'{name}: the stamps of the car span {span_s:.0f} s; '
                 f'allowed up to {LONGEST_S:.0f} s'
             )
     return drive._replace(**sampled)
-
-
-def _finite_rows(columns):
-    kept = np.all([np.isfinite(column) for column in columns], axis=0)
-    return columns if kept.all() else type(columns)(*(column[kept] for column in columns))

@@ -19,10 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bags.evaluation.controller_log import report_numbers
-from bags.evaluation.drive import Drive
 from bags.evaluation.metrics.driving import GRAVITY
-from bags.evaluation.series import Series
-from bags.storage.columns import Columns
+from bags.evaluation.metrics.registry import EvaluatedDrive
 from msgs_yaml.types import WHEELS
 
 ACTUATORS, WHEEL_STATES = '/vehicle/actuators', '/vehicle/wheels'
@@ -31,36 +29,10 @@ AXLES = ('front', 'rear')
 MEMBER = '.'  # between a column and its member, an obstacle id or a wheel
 
 
-class EvaluatedRun(NamedTuple):
-    """What signals are computed from; all samples of the drive are finite."""
-
-    drive: Drive
-    series: Series
-    tables: Mapping[str, Columns]  # by topic, those that were recorded
-
-    @property
-    def stamp_ns(self) -> np.ndarray:
-        """The time base (n,) int64 [ns]: the stamps of the odometry."""
-        return self.drive.motion.stamp_ns
-
-    def resample(self, topic: str, column: str) -> np.ndarray | None:
-        """Return a column of a topic at the time base, linear in between; None without the topic.
-
-        Shape (n,), or (n, 4) of a column of the wheels; not-a-number outside of the recorded time.
-        """
-        if topic not in self.tables:
-            return None
-        stamp_ns, values = self.tables[topic].stamp_ns, getattr(self.tables[topic], column)
-        return interpolate(self.stamp_ns, stamp_ns, values)
-
-    def __repr__(self):
-        return f'EvaluatedRun({self.drive!r}, {len(self.tables)} topics)'
-
-
 class Signal(NamedTuple):
     """One derived signal."""
 
-    function: Callable[[EvaluatedRun], Any]
+    function: Callable[[EvaluatedDrive], Any]
     name: str  # the column, or what is before the member in its columns
     unit: str
     meaning: str  # the docstring as one line; of several columns also how they are called
@@ -89,7 +61,7 @@ def signal(unit: str, by: str = '', such_as: str = '') -> Callable:
     return register
 
 
-def compute_signals(run: EvaluatedRun) -> dict[str, np.ndarray]:
+def compute_signals(run: EvaluatedDrive) -> dict[str, np.ndarray]:
     """Return every signal (n,) by column; columns that want an unrecorded topic are absent."""
     columns = {}
     for name, entry in SIGNALS.items():
@@ -99,6 +71,17 @@ def compute_signals(run: EvaluatedRun) -> dict[str, np.ndarray]:
         elif values is not None:
             columns[name] = values
     return columns
+
+
+def resample(run: EvaluatedDrive, topic: str, column: str) -> np.ndarray | None:
+    """Return a column of a topic at the time base, linear in between; None without the topic.
+
+    Shape (n,), or (n, 4) of a column of the wheels; not-a-number outside of the recorded time.
+    """
+    if topic not in run.tables:
+        return None
+    table = run.tables[topic]
+    return interpolate(run.stamp_ns, table.stamp_ns, getattr(table, column))
 
 
 def interpolate(at_ns: np.ndarray, stamp_ns: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -191,7 +174,7 @@ def model_friction_use(run):
 def tyre_use(run):
     """Horizontal over vertical force of each tyre: the coefficient of friction that it uses."""
     parts = ('force_x_n', 'force_y_n', 'load_n')
-    forward, leftward, load = (run.resample(WHEEL_STATES, name) for name in parts)
+    forward, leftward, load = (resample(run, WHEEL_STATES, name) for name in parts)
     if load is None:
         return None
     # a wheel in the air uses none
@@ -202,7 +185,7 @@ def tyre_use(run):
 @signal('rad')
 def steer_rad(run):
     """Road-wheel angle of the actuator, positive to the left."""
-    return run.resample(ACTUATORS, 'steer_rad')
+    return resample(run, ACTUATORS, 'steer_rad')
 
 
 @signal('rad')
@@ -214,7 +197,7 @@ def steer_command_rad(run):
 @signal('N')
 def front_x_n(run):
     """Longitudinal force of the actuators at the front axle, braking negative."""
-    return run.resample(ACTUATORS, 'front_x_n')
+    return resample(run, ACTUATORS, 'front_x_n')
 
 
 @signal('N')
@@ -226,7 +209,7 @@ def front_x_command_n(run):
 @signal('N')
 def rear_x_n(run):
     """Longitudinal force of the actuators at the rear axle, braking negative."""
-    return run.resample(ACTUATORS, 'rear_x_n')
+    return resample(run, ACTUATORS, 'rear_x_n')
 
 
 @signal('N')

@@ -3,6 +3,10 @@
 The trajectories are drawn from above, with edges, coarse path and the unsafe areas of obstacles.
 """
 
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
 import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -10,10 +14,15 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
 
+from bags.errors import BagError
 from bags.evaluation import geometry
+from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.evaluation.series import obstacle_position
 from bags.figures import overlay, panels, style
+from bags.figures.overlay import Overlay
 from bags.figures.panels import EVERY, note
+from bags.figures.scene import car_shapes, obstacle_shapes, road_shapes
+from msgs_yaml.strict_yaml import closest
 
 SHEET_WIDTH = 15.0  # inch
 PANEL_SIZE = (7.0, 4.2)  # inch
@@ -28,19 +37,36 @@ STILL_MPS = 0.05
 LABEL_ASIDE = 1.5  # points
 
 
-def draw_trajectories(ax, runs):
+def draw_trajectories(ax, runs: Sequence[EvaluatedDrive]) -> None:
     """Draw the scene of the first run and the trajectories of all."""
-    scene = runs[0].drive.scene
-    _edges(ax, scene)
+    first, scene = runs[0], runs[0].drive.scene
+    for shape in road_shapes(scene.left, scene.right, 0.0):
+        if shape.kind == 'road':
+            ax.add_patch(Polygon(shape.points, facecolor='#F4F4F2', edgecolor='none', zorder=0))
+        elif shape.kind == 'edge':
+            ax.plot(*shape.points.T, color=style.EDGE, lw=1.6, zorder=2)
     ax.plot(*scene.reference.T, **style.coarse_path_line())
     for run in runs:
-        _path(ax, run)
-    for run in _with_outlines(runs):
-        _outlines(ax, run)
+        motion = run.drive.motion
+        ax.plot(motion.x[::EVERY], motion.y[::EVERY], zorder=4, **run.look.line)
+    # of many runs the car of the first one of each colour
+    many = len(runs) > style.MANY
+    for run in {run.look: run for run in reversed(runs)}.values() if many else runs:
+        look = {'edgecolor': run.look.colour, 'ls': run.look.line['linestyle'], 'zorder': 3}
+        for k in _shown(run):
+            box = Polygon(_box(run, k), facecolor=(run.look.colour, 0.06), **look)
+            box.set_linewidth(CAR_WIDTH * run.look.width)
+            ax.add_patch(box)
+    moving = [obstacle for obstacle in scene.obstacles if _moves(obstacle)]
     for obstacle in scene.obstacles:
-        _obstacle(ax, obstacle, runs)
-    if any(_moves(obstacle) for obstacle in scene.obstacles):
-        _time_labels(ax, runs[0])
+        if obstacle in moving:
+            _moving_obstacle(ax, obstacle, first)
+            continue
+        for k in np.flatnonzero(np.isfinite(obstacle.x))[:1]:
+            _discs(ax, (obstacle.x[k], obstacle.y[k]), obstacle.radius, first.drive.facts, 1.0)
+    for k in _shown(first)[::TIME_EVERY] if moving else ():
+        place = first.drive.motion.x[k], _box(first, k)[:, 1].max()
+        _time_label(ax, place, first.series.t[k], first.look.colour, 'bottom')
     low, high = road_limits(runs)
     stretch = _stretch(high - low)
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel='X [m]', ylabel='Y [m]')
@@ -49,7 +75,7 @@ def draw_trajectories(ax, runs):
     legend = ['lines: paths of the centre of gravity']
     if scene.obstacles:
         legend.append('ring: closer to the obstacle than the safety distance, which is penalised')
-    if any(_moves(obstacle) for obstacle in scene.obstacles):
+    if moving:
         legend.append('same number: same moment')
     note(ax, '; '.join(legend))
     ax.set_title(f'Vehicle trajectories{scale}')
@@ -66,18 +92,16 @@ def road_limits(runs):
         reach = np.linspace(along.min(), along.max(), 200)
         vertex = geometry.arc_length(edge)
         near.append(np.column_stack([np.interp(reach, vertex, axis) for axis in edge.T]))
-    near += [_extent(obstacle, drives) for obstacle in scene.obstacles]
+    for obstacle in scene.obstacles:  # wherever it is beside the cars
+        centres, reach = np.column_stack([obstacle.x, obstacle.y]), BESIDE_M + obstacle.radius
+        is_above, is_below = (
+            centres > drives.min(axis=0) - reach,
+            centres < drives.max(axis=0) + reach,
+        )
+        centres = centres[(is_above & is_below).all(axis=1)]
+        near += [centres - obstacle.radius, centres + obstacle.radius]
     points = np.concatenate(near)
     return points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
-
-
-def _extent(obstacle, drives):
-    """Return corners (n, 2) around an obstacle wherever it is beside the cars."""
-    centres = np.column_stack([obstacle.x, obstacle.y])
-    reach = BESIDE_M + obstacle.radius
-    low, high = drives.min(axis=0) - reach, drives.max(axis=0) + reach
-    centres = centres[((centres > low) & (centres < high)).all(axis=1)]
-    return np.concatenate([centres - obstacle.radius, centres + obstacle.radius])
 
 
 def road_aspect(runs):
@@ -91,40 +115,6 @@ def _stretch(size):
     return STRETCH if size[0] > LONG_ROAD * size[1] else 1.0
 
 
-def _edges(ax, scene):
-    road = np.concatenate([scene.left, scene.right[::-1]])
-    ax.add_patch(Polygon(road, facecolor='#F4F4F2', edgecolor='none', zorder=0))
-    for edge in (scene.left, scene.right):
-        ax.plot(*edge.T, color=style.EDGE, lw=1.6, zorder=2)
-
-
-def _with_outlines(runs):
-    """Return the runs whose cars are drawn: of many the first one of each colour."""
-    if len(runs) <= style.MANY:
-        return runs
-    return {run.look: run for run in reversed(runs)}.values()
-
-
-def _path(ax, run):
-    motion = run.drive.motion
-    ax.plot(motion.x[::EVERY], motion.y[::EVERY], zorder=4, **run.line)
-
-
-def _outlines(ax, run):
-    for k in _shown(run):
-        box = _box(run, k)
-        ax.add_patch(
-            Polygon(
-                box,
-                facecolor=(run.colour, 0.06),
-                edgecolor=run.colour,
-                ls=run.line['linestyle'],
-                lw=CAR_WIDTH * run.look.width,
-                zorder=3,
-            )
-        )
-
-
 def _shown(run):
     """Return the samples at which the car is drawn."""
     t = run.series.t
@@ -134,22 +124,8 @@ def _shown(run):
 
 def _box(run, k):
     motion = run.drive.motion
-    return geometry.outline_corners(
-        motion.x[k], motion.y[k], motion.yaw[k], run.drive.facts.outline
-    )
-
-
-def _time_labels(ax, run):
-    """Label some outlines of the first car with their times."""
-    motion = run.drive.motion
-    for k in _timed(run):
-        place = motion.x[k], _box(run, k)[:, 1].max()
-        _time_label(ax, place, run.series.t[k], run.colour, 'bottom')
-
-
-def _timed(run):
-    """Return the samples of a car whose time is printed, where obstacles move."""
-    return _shown(run)[::TIME_EVERY]
+    pose = motion.x[k], motion.y[k], motion.yaw[k]
+    return car_shapes(*pose, run.drive.facts.outline)[0].points
 
 
 def _time_label(ax, place, t, colour, side):
@@ -169,162 +145,149 @@ def _moves(obstacle):
     return np.nanmax(np.hypot(obstacle.vx, obstacle.vy)) > STILL_MPS
 
 
-def _obstacle(ax, obstacle, runs):
-    """Draw an obstacle with its safety distance; a moving one at the labelled times of the car."""
-    run = runs[0]
-    facts, scene = run.drive.facts, run.drive.scene
-    if not _moves(obstacle):
-        for first in np.flatnonzero(np.isfinite(obstacle.x))[:1]:
-            _discs(ax, (obstacle.x[first], obstacle.y[first]), obstacle.radius, facts, pale=False)
-        return
-    timed = np.array(_timed(run))
-    x, y = obstacle_position(obstacle, scene, run.drive.motion.stamp_ns[timed])
+def _moving_obstacle(ax, obstacle, run):
+    """Draw the way of an obstacle, and itself at the labelled times of the car."""
+    timed = np.array(_shown(run)[::TIME_EVERY])
+    x, y = obstacle_position(obstacle, run.drive.scene, run.stamp_ns[timed])
     for k, *centre in zip(timed, x, y):
         if np.isfinite(centre).all():
-            _discs(ax, centre, obstacle.radius, facts, pale=True)
+            _discs(ax, centre, obstacle.radius, run.drive.facts, 0.4)
             place = centre[0], centre[1] - obstacle.radius
             _time_label(ax, place, run.series.t[k], style.INK, 'top')
     ax.plot(obstacle.x, obstacle.y, color=style.EDGE, lw=0.8, zorder=2)
 
 
-def _discs(ax, centre, radius, facts, pale):
-    touch = radius + facts.vehicle_radius
-    strength = 0.4 if pale else 1.0
-    for reach, colour, alpha in (
-        (touch + facts.safe_obstacle, style.UNSAFE, 0.22),
-        (touch, style.COLLISION, 0.16),
-    ):
-        ax.add_patch(
-            Circle(centre, reach, facecolor=(colour, alpha * strength), edgecolor=colour, lw=0.7)
-        )
-    ax.add_patch(
-        Circle(centre, radius, facecolor=(style.EDGE, strength), edgecolor='none', zorder=3)
-    )
+def _discs(ax, centre, radius, facts, strength):
+    looks = {
+        'unsafe': {'facecolor': (style.UNSAFE, 0.22 * strength), 'edgecolor': style.UNSAFE},
+        'touch': {'facecolor': (style.COLLISION, 0.16 * strength), 'edgecolor': style.COLLISION},
+        'obstacle': {'facecolor': (style.EDGE, strength), 'edgecolor': 'none', 'zorder': 3},
+    }
+    for disc in obstacle_shapes(0, centre, radius, facts.vehicle_radius, facts.safe_obstacle):
+        ax.add_patch(Circle(tuple(disc.points), disc.radius, lw=0.7, **looks[disc.kind]))
 
 
+SHEET, TRAJECTORIES = 'comparison', 'trajectories'
+PANELS = {TRAJECTORIES: draw_trajectories, **panels.PANELS}
 # of the sheet, below the trajectories: panels and their relative widths
 ROWS = (
-    {
-        panels.draw_v2o: 15,
-        panels.draw_v2e_left: 11,
-        panels.draw_v2e_right: 11,
-        panels.draw_velocity: 11,
-    },
-    {panels.draw_sideslip: 12, panels.draw_steer: 12, panels.draw_force: 12, panels.draw_gg: 12},
+    {'v2o': 15, 'v2e_left': 11, 'v2e_right': 11, 'velocity': 11},
+    {'sideslip': 12, 'road_wheel_angle': 12, 'longitudinal_force': 12, 'gg': 12},
 )
-WITH_AREAS = {draw_trajectories, panels.draw_v2o, panels.draw_v2e_left, panels.draw_v2e_right}
-NAMES = {
-    draw_trajectories: 'trajectories',
-    panels.draw_v2o: 'v2o',
-    panels.draw_v2e_left: 'v2e_left',
-    panels.draw_v2e_right: 'v2e_right',
-    panels.draw_velocity: 'velocity',
-    panels.draw_sideslip: 'sideslip',
-    panels.draw_steer: 'road_wheel_angle',
-    panels.draw_force: 'longitudinal_force',
-    panels.draw_gg: 'gg',
-}
-
-
-# the signal of each panel against the station
-SIGNALS = {
-    panels.draw_v2o: 'v2o',
-    panels.draw_v2e_left: 'v2e_left',
-    panels.draw_v2e_right: 'v2e_right',
-    panels.draw_velocity: 'velocity',
-    panels.draw_sideslip: 'sideslip',
-    panels.draw_steer: 'steer',
-    panels.draw_force: 'force',
-}
-SHEET = 'comparison'
-ALL = (SHEET, *NAMES.values())
+WITH_AREAS = {TRAJECTORIES, 'v2o', 'v2e_left', 'v2e_right'}
+# the signal of a panel against the station, where it has another name
+SIGNALS = {'road_wheel_angle': 'steer', 'longitudinal_force': 'force'}
+ALL = (SHEET, *PANELS)
 FREE_SHARE = 0.96  # of the width of a figure, for title and legend
-COSTLY = (SHEET, 'trajectories', 'v2o')  # they take about as long as all others
 
 
-def write_figures(runs, title, folder, names=ALL, overlays=()):
-    """Write figures of ALL into `folder` as PNG and SVG: the sheet, and panels."""
+def write_figures(
+    runs: Sequence[EvaluatedDrive], title: str, folder: Path, overlays: Sequence[Overlay] = ()
+) -> None:
+    """Write the figures of ALL into `folder` as PNG and SVG: the sheet, and panels."""
     with mpl.rc_context(style.RC):
         for name in ALL:
-            if name in names:
-                style.save_figure(draw_figure(name, runs, title, overlays), folder / name)
+            style.save_figure(draw_figure(name, runs, title, overlays), folder / name)
 
 
-def draw_figure(name, runs, title, overlays=()):
+def draw_figure(
+    name: str, runs: Sequence[EvaluatedDrive], title: str, overlays: Sequence[Overlay] = ()
+) -> Figure:
     """Return a figure of ALL, with the overlays: the sheet under a title, or a panel."""
     with mpl.rc_context(style.RC):
         if name == SHEET:
             return _sheet(runs, title, overlays)
-        panel = next(panel for panel, known in NAMES.items() if known == name)
-        return _single(panel, runs, overlays)
+        size = PANEL_SIZE
+        if name == TRAJECTORIES:
+            size = (SHEET_WIDTH, min(max(SHEET_WIDTH * road_aspect(runs) + 1.2, 3.0), SHEET_WIDTH))
+        figure = Figure(figsize=size, layout='constrained')
+        shown = _draw(name, figure.add_subplot(), runs, overlays)
+        _legend(figure, runs, (name,), shown)
+        return figure
+
+
+def drawn_runs(runs: Mapping[str, EvaluatedDrive]) -> list[EvaluatedDrive]:
+    """Return runs by label as the figures take them, each with its look.
+
+    Raises BagError for runs of different scenarios: there is one road in a figure.
+    """
+    scenarios = list(dict.fromkeys(run.drive.facts.scenario for run in runs.values()))
+    if len(scenarios) > 1:
+        listed = ', '.join(map(repr, scenarios))
+        raise BagError(f'a figure shows one scenario, the runs drove {listed}: choose runs of one')
+    return panels.assign(runs)
+
+
+def draw(runs: Mapping[str, EvaluatedDrive], name: str) -> Figure:
+    """Return a figure of ALL of runs by label, as a notebook shows it. Raises BagError."""
+    if name not in ALL:
+        raise BagError(f'no figure {name!r}{closest(name, ALL)}; there are {", ".join(ALL)}')
+    drawn = drawn_runs(runs)
+    with mpl.rc_context(style.RC):
+        figure = draw_figure(name, drawn, drawn[0].drive.facts.scenario)
+        # ticks take their look from the style when they are first laid out
+        figure.draw_without_rendering()
+        style.hide_overlapping(figure, style.TIME_LABEL)
+
+    def as_png():
+        stream = io.BytesIO()
+        figure.savefig(stream, format='png')
+        return stream.getvalue()
+
+    # also where pyplot was never imported
+    figure._repr_png_ = as_png
+    return figure
 
 
 def _sheet(runs, title, overlays):
     top = min(max(SHEET_WIDTH * road_aspect(runs) + 0.5, 2.4), 8.0)
     figure = style.new_sheet((SHEET_WIDTH, top + 8.6), title)
     grid = figure.add_gridspec(1 + len(ROWS), 1, height_ratios=[top, *(3.3 for _ in ROWS)])
-    _draw(draw_trajectories, figure.add_subplot(grid[0]), runs, overlays)
+    _draw(TRAJECTORIES, figure.add_subplot(grid[0]), runs, overlays)
     for row, widths in enumerate(ROWS, start=1):
         cells = grid[row].subgridspec(1, len(widths), width_ratios=list(widths.values()))
-        for cell, panel in zip(cells, widths):
-            _draw(panel, figure.add_subplot(cell), runs, overlays)
+        for cell, name in zip(cells, widths):
+            _draw(name, figure.add_subplot(cell), runs, overlays)
     style.letter_panels(figure)
     _legend(figure, runs, WITH_AREAS, overlays)
     return figure
 
 
-def _draw(panel, ax, runs, overlays):
+def _draw(name, ax, runs, overlays):
     """Draw a panel and what the overlays have for it; return those that have something."""
-    panel(ax, runs)
-    return [overlay_run for overlay_run in overlays if _draw_overlay(panel, ax, overlay_run)]
+    PANELS[name](ax, runs)
+    shown = []
+    for laid in overlays:
+        curve = _overlay_curve(name, laid)
+        if curve is None or not np.isfinite(curve).all(axis=1).any():
+            continue
+        shown.append(laid)
+        limits = ax.get_xlim(), ax.get_ylim()
+        ax.plot(*curve.T, zorder=4.5, **laid.look.line)
+        ax.set(xlim=limits[0], ylim=limits[1])
+        if name not in WITH_AREAS and name != 'gg':
+            low, high = limits[1]
+            ax.set_ylim(min(low, np.nanmin(curve[:, 1])), max(high, np.nanmax(curve[:, 1])))
+    return shown
 
 
-def _draw_overlay(panel, ax, overlay_run):
-    curve = _overlay_curve(panel, overlay_run)
-    if curve is None or not np.isfinite(curve).all(axis=1).any():
-        return False
-    limits = ax.get_xlim(), ax.get_ylim()
-    ax.plot(*curve.T, zorder=4.5, **overlay_run.look.line)
-    ax.set(xlim=limits[0], ylim=limits[1])
-    if panel in SIGNALS and panel not in WITH_AREAS:
-        low, high = limits[1]
-        ax.set_ylim(min(low, np.nanmin(curve[:, 1])), max(high, np.nanmax(curve[:, 1])))
-    return True
-
-
-def _overlay_curve(panel, overlay_run):
+def _overlay_curve(name, laid):
     """Return the points (n, 2) of an overlay in a panel; None where it has none."""
-    if panel is draw_trajectories:
-        return overlay_run.path()
-    if panel is panels.draw_gg:
-        known = 'lateral' in overlay_run.signals and 'gg_x' in overlay_run.signals
-        return (
-            np.column_stack([overlay_run.signals['lateral'], overlay_run.signals['gg_x']])
-            if known
-            else None
-        )
-    station, values = overlay_run.along(overlay.STATION), overlay_run.signals.get(SIGNALS[panel])
-    return None if station is None or values is None else np.column_stack([station, values])
-
-
-def _single(panel, runs, overlays=()):
-    size = PANEL_SIZE
-    if panel is draw_trajectories:
-        size = (SHEET_WIDTH, min(max(SHEET_WIDTH * road_aspect(runs) + 1.2, 3.0), SHEET_WIDTH))
-    figure = Figure(figsize=size, layout='constrained')
-    shown = _draw(panel, figure.add_subplot(), runs, overlays)
-    _legend(figure, runs, (panel,), shown)
-    return figure
+    if name == TRAJECTORIES:
+        return laid.path()
+    horizontal, signal = laid.along(overlay.STATION), SIGNALS.get(name, name)
+    if name == 'gg':
+        horizontal, signal = laid.signals.get('lateral'), 'gg_x'
+    values = laid.signals.get(signal)
+    return None if horizontal is None or values is None else np.column_stack([horizontal, values])
 
 
 def _legend(figure, runs, drawn, overlays):
     """Put a legend of the runs, and of the marks in the panels, above them."""
     looks = panels.legend_looks(runs)
     keys = [Line2D([], [], label=label, **look.line) for label, look in looks.items()]
-    keys += [
-        Line2D([], [], label=overlay_run.name, **overlay_run.look.line) for overlay_run in overlays
-    ]
-    if draw_trajectories in drawn:
+    keys += [Line2D([], [], label=laid.name, **laid.look.line) for laid in overlays]
+    if TRAJECTORIES in drawn:
         keys.append(Line2D([], [], label='coarse path', **style.coarse_path_line()))
     if not WITH_AREAS.isdisjoint(drawn):
         for colour, label in style.AREAS.items():

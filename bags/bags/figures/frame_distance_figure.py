@@ -14,10 +14,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as Disc
 
 from bags.evaluation import frame_distances
-from bags.evaluation.drive import Drive, drive_from_bag
+from bags.evaluation.drive import Drive
 from bags.evaluation.frame_distances import circle_distances
 from bags.figures import style
-from bags.storage import read
 
 FRAMES = {'cartesian': '#0072B2', 'frenet': '#D55E00'}
 MOMENT_M = 24.0  # gap along the path at which the sketches are drawn
@@ -185,16 +184,11 @@ class FrameDistanceFiles(NamedTuple):
     figures: list[Path]
 
 
-def write_from_bag(path: Path | str, out: Path) -> FrameDistanceFiles:
-    """Write the figure and its numbers for the bag at `path` into the folder `out`.
-
-    Raises BagError for a bag that cannot be evaluated or whose path is no circle with one obstacle.
-    """
-    return write_frame_distances(drive_from_bag(read.load(path)), out)
-
-
 def write_frame_distances(drive: Drive, out: Path) -> FrameDistanceFiles:
-    """Write the figure and its numbers for a drive."""
+    """Write the figure and its numbers for a drive into the folder `out`.
+
+    Raises BagError where the path is no circle with one obstacle.
+    """
     circle = frame_distances.find_circle(drive)
     driven = frame_distances.driven_distances(drive, circle)
     values = frame_distances.distance_numbers(drive, circle, driven)

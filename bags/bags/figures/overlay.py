@@ -12,7 +12,7 @@ gap; lines that begin with # are comments.
 
 import csv
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,30 +29,24 @@ DEGREES = math.degrees(1.0)
 KILO = 1e-3
 
 
-class Column(NamedTuple):
-    """What a column is drawn as."""
-
-    signal: str  # the panel
-    factor: float = 1.0  # from the unit of the column to that of the panel
-
-
-SIGNALS: Mapping[str, Column] = {
-    'v2o_m': Column('v2o'),
-    'v2e_left_m': Column('v2e_left'),
-    'v2e_right_m': Column('v2e_right'),
-    'contouring_m': Column('contouring'),
-    'vx_mps': Column('velocity'),
-    'sideslip_rad': Column('sideslip', DEGREES),
-    'sideslip_deg': Column('sideslip'),
-    'ax_mps2': Column('gg_x'),
-    'ay_mps2': Column('lateral'),
-    'steer_rad': Column('steer', DEGREES),
-    'steer_deg': Column('steer'),
-    'force_x_n': Column('force', KILO),
-    'force_x_kn': Column('force'),
-    'friction_front': Column('friction_front'),
-    'friction_rear': Column('friction_rear'),
-    'solve_ms': Column('solve'),
+# by column: the panel where it is drawn, and the factor to its unit
+SIGNALS: Mapping[str, tuple[str, float]] = {
+    'v2o_m': ('v2o', 1.0),
+    'v2e_left_m': ('v2e_left', 1.0),
+    'v2e_right_m': ('v2e_right', 1.0),
+    'contouring_m': ('contouring', 1.0),
+    'vx_mps': ('velocity', 1.0),
+    'sideslip_rad': ('sideslip', DEGREES),
+    'sideslip_deg': ('sideslip', 1.0),
+    'ax_mps2': ('gg_x', 1.0),
+    'ay_mps2': ('lateral', 1.0),
+    'steer_rad': ('steer', DEGREES),
+    'steer_deg': ('steer', 1.0),
+    'force_x_n': ('force', KILO),
+    'force_x_kn': ('force', 1.0),
+    'friction_front': ('friction_front', 1.0),
+    'friction_rear': ('friction_rear', 1.0),
+    'solve_ms': ('solve', 1.0),
 }
 
 
@@ -96,10 +90,10 @@ def _overlay(file, look, scene):
     axes = {name: columns[name] for name in AXES if name in columns}
     signals = {}
     for name in columns.keys() - axes.keys():
-        known = SIGNALS[name]
-        if known.signal in signals:
-            raise BagError(f'{file}: two columns of {known.signal}, one of them {name}')
-        signals[known.signal] = columns[name] * known.factor
+        signal, factor = SIGNALS[name]
+        if signal in signals:
+            raise BagError(f'{file}: two columns of {signal}, one of them {name}')
+        signals[signal] = columns[name] * factor
     if X in axes and Y in axes:
         points = np.column_stack([axes[X], axes[Y]])
         if not np.isfinite(points).all():
@@ -112,9 +106,8 @@ def _overlay(file, look, scene):
             f'{file}: needs time_s, station_m, or x_m and y_m; it has {", ".join(columns)}'
         )
     if not signals:
-        raise BagError(
-            f'{file}: nothing to draw; besides {", ".join(AXES)} there may be {_known()}'
-        )
+        allowed = ', '.join(SIGNALS)
+        raise BagError(f'{file}: nothing to draw; besides {", ".join(AXES)} there may be {allowed}')
     return Overlay(file.stem, look, axes, signals)
 
 
@@ -123,47 +116,38 @@ def _read(file) -> dict[str, np.ndarray]:
         text = file.read_text(encoding='utf-8-sig')
     except (OSError, UnicodeDecodeError) as error:
         raise BagError(f'{file}: cannot be read as CSV: {error}') from None
-    rows = _rows(text)
-    try:
-        _, header = next(rows)
-    except StopIteration:
-        raise BagError(f'{file}: is empty; the first row must name the columns') from None
-    names = [cell.strip() for cell in header]
+    reader = csv.reader(text.splitlines())
+    # neither empty nor a comment
+    rows = [
+        (reader.line_num, [cell.strip() for cell in row])
+        for row in reader
+        if any(cell.strip() for cell in row) and not row[0].lstrip().startswith('#')
+    ]
+    if not rows:
+        raise BagError(f'{file}: is empty; the first row must name the columns')
+    (_, names), *rows = rows
+    known = (*AXES, *SIGNALS)
     for k, name in enumerate(names):
-        if name not in AXES and name not in SIGNALS:
-            near = closest(name, (*AXES, *SIGNALS))
-            raise BagError(f'{file}: no column {name!r} is known{near}; allowed are {_known(AXES)}')
+        if name not in known:
+            near = closest(name, known)
+            raise BagError(
+                f'{file}: no column {name!r} is known{near}; allowed are {", ".join(known)}'
+            )
         if name in names[:k]:
             raise BagError(f'{file}: two columns are called {name}')
-    values = [_numbers(file, line, names, row) for line, row in rows]
-    if not values:
+    if not rows:
         raise BagError(f'{file}: has no row below the names of its columns')
-    return dict(zip(names, np.array(values).T))
-
-
-def _rows(text) -> Iterator[tuple[int, list[str]]]:
-    """Yield line number and cells of the rows that are neither empty nor a comment."""
-    reader = csv.reader(text.splitlines())
-    for row in reader:
-        if any(cell.strip() for cell in row) and not row[0].lstrip().startswith('#'):
-            yield reader.line_num, row
-
-
-def _numbers(file, line, names, row):
-    if len(row) != len(names):
-        raise BagError(f'{file}: line {line} has {len(row)} cells, the first row {len(names)}')
-    return [_number(file, line, name, cell.strip()) for name, cell in zip(names, row)]
-
-
-def _number(file, line, name, cell):
-    try:
-        value = float(cell) if cell else math.nan
-    except ValueError:
-        raise BagError(f'{file}: line {line}: {name} is {cell!r}, which is no number') from None
-    if math.isinf(value):
-        raise BagError(f'{file}: line {line}: {name} is not finite')
-    return value
-
-
-def _known(names=()):
-    return ', '.join((*names, *SIGNALS))
+    values = np.full((len(rows), len(names)), math.nan)
+    for (line, row), numbers in zip(rows, values):
+        if len(row) != len(names):
+            raise BagError(f'{file}: line {line} has {len(row)} cells, the first row {len(names)}')
+        for k, (name, cell) in enumerate(zip(names, row)):
+            try:
+                numbers[k] = float(cell) if cell else math.nan
+            except ValueError:
+                raise BagError(
+                    f'{file}: line {line}: {name} is {cell!r}, which is no number'
+                ) from None
+            if math.isinf(numbers[k]):
+                raise BagError(f'{file}: line {line}: {name} is not finite')
+    return dict(zip(names, values.T))

@@ -6,13 +6,13 @@ the panel of the distances to obstacles the closest approaches are enlarged.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
+from functools import partial
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 
-from bags.evaluation.drive import Drive
-from bags.evaluation.series import Series, compute_series
+from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.figures import style
 
 NEAR_M = 1.2  # distances up to this are enlarged
@@ -93,7 +93,7 @@ def _inset(ax, runs, number, gap):
         distance, station = run.series.v2o[number], run.series.station
         near = distance < NEAR_M
         if np.any(near):
-            inner.plot(station[near], distance[near], **run.line)
+            inner.plot(station[near], distance[near], **run.look.line)
             reach += [station[near].min(), station[near].max()]
             least = min(least, float(np.nanmin(distance)))
     shade_unsafe(inner, max(run.drive.facts.safe_obstacle for run in runs))
@@ -108,44 +108,23 @@ def _inset(ax, runs, number, gap):
         inner.spines[side].set_visible(True)
 
 
-class Run(NamedTuple):
-    """One drive with its Series and how its curves look."""
-
-    name: str
-    drive: Drive
-    series: Series
-    look: style.Look
-
-    @property
-    def colour(self) -> str:
-        """The colour of its curves and of its car."""
-        return self.look.colour
-
-    @property
-    def line(self) -> dict:
-        """Keyword arguments of the run's curves."""
-        return self.look.line
-
-    def station_at(self, stamp_ns):
-        """Return the station (n,) [m] at each stamp."""
-        return np.interp(stamp_ns, self.drive.motion.stamp_ns, self.series.station)
+def assign(runs: Mapping[str, EvaluatedDrive]) -> list[EvaluatedDrive]:
+    """Return runs by name in their order, each with this name and its look."""
+    looks = style.assign_looks(list(runs), [controller_of(run) for run in runs.values()])
+    named = {name: copy(run) for name, run in runs.items()}
+    for name, run in named.items():
+        run.name, run.look = name, looks[name]
+    return list(named.values())
 
 
-def evaluate_runs(drives: Mapping[str, Drive]) -> list[Run]:
-    """Return the runs of drives by name, in their order, each with its look."""
-    looks = style.assign_looks(list(drives), [controller_of(d) for d in drives.values()])
-    return [Run(name, drive, compute_series(drive), looks[name]) for name, drive in drives.items()]
+def controller_of(run: EvaluatedDrive) -> str:
+    """Return the controller of a run without the label of the variant."""
+    return run.drive.facts.controller.partition('@')[0]
 
 
-def controller_of(drive: Drive) -> str:
-    """Return the controller of a drive without the label of the variant."""
-    return drive.facts.controller.partition('@')[0]
-
-
-def legend_looks(runs: Sequence[Run]) -> dict[str, style.Look]:
+def legend_looks(runs: Sequence[EvaluatedDrive]) -> dict[str, style.Look]:
     """Return {label: Look} of the legend of runs."""
-    looks = {run.name: run.look for run in runs}
-    return style.legend_looks(looks, [controller_of(run.drive) for run in runs])
+    return style.legend_looks({run.name: run.look for run in runs}, list(map(controller_of, runs)))
 
 
 # of a run: stamps (n,) [ns] and values (n,)
@@ -168,17 +147,8 @@ def axis_limits(name: str, columns: Iterable[np.ndarray]) -> tuple[float, float]
     return (low + high) / 2 - half, (low + high) / 2 + half
 
 
-def draw_v2e_left(ax, runs: Sequence[Run]) -> None:
-    """Draw the distance between the vehicle circle and the left road edge (D_V2E)."""
-    _draw_v2e(ax, runs, 'left')
-
-
-def draw_v2e_right(ax, runs: Sequence[Run]) -> None:
-    """Draw the distance between the vehicle circle and the right road edge (D_V2E)."""
-    _draw_v2e(ax, runs, 'right')
-
-
-def _draw_v2e(ax, runs, side):
+def draw_v2e(ax, runs: Sequence[EvaluatedDrive], side: str) -> None:
+    """Draw the distance between the vehicle circle and the road edge of a side (D_V2E)."""
     gaps = [run.series.v2e[side] for run in runs]
     for run, gap in zip(runs, gaps):
         _curve(ax, run, gap)
@@ -186,9 +156,7 @@ def _draw_v2e(ax, runs, side):
             _mark(ax, run, np.nanargmin(gap), gap)
     if min(np.nanmin(gap) for gap in gaps) > FAR_M:
         _note_far(ax, f'{side} edge beyond {FAR_M:g} m')
-    shade_unsafe(ax, max(run.drive.facts.safe_edge for run in runs))
-    _distance_limits(ax, gaps)
-    _along(ax, runs)
+    _finish_distances(ax, runs, gaps, max(run.drive.facts.safe_edge for run in runs))
     ax.set(ylabel='$D_{V2E}$ [m]', title=f'Vehicle-to-edge distance, {side}')
 
 
@@ -207,53 +175,33 @@ def draw_v2o(ax, runs):
                 near = True
     if not near:
         _note_far(ax, f'no obstacle within {FAR_M:g} m')
-    shade_unsafe(ax, max(run.drive.facts.safe_obstacle for run in runs))
-    _distance_limits(ax, [gap for run in runs for gap in run.series.v2o.values()])
-    _along(ax, runs)
+    gaps = [gap for run in runs for gap in run.series.v2o.values()]
+    _finish_distances(ax, runs, gaps, max(run.drive.facts.safe_obstacle for run in runs))
     draw_insets(ax, runs)
     ax.set(ylabel='$D_{V2O}$ [m]', title='Vehicle-to-obstacle distance')
 
 
-def draw_velocity(ax, runs):
-    """Draw the longitudinal velocity."""
-    _draw_signal(ax, runs, 'velocity', ylabel='$v_x$ [m/s]', title='Longitudinal velocity')
-
-
-def draw_sideslip(ax, runs):
-    """Draw the sideslip angle at the centre of gravity."""
-    _draw_signal(ax, runs, 'sideslip', ylabel='$\\beta$ [deg]', title='Vehicle sideslip angle')
-    for run in runs:
-        _, angle = SIGNALS['sideslip'](run)
-        if not np.all(np.isnan(angle)):
-            _mark(ax, run, np.nanargmax(np.abs(angle)), angle)
-
-
-def draw_steer(ax, runs):
-    """Draw the road-wheel angle after the actuator."""
-    _draw_signal(ax, runs, 'steer', ylabel='$\\delta$ [deg]', title='Road-wheel angle')
-
-
-def draw_force(ax, runs):
-    """Draw the longitudinal force of both axles after the actuator."""
-    label = '$F_x$ [kN], braking negative'
-    _draw_signal(ax, runs, 'force', ylabel=label, title='Longitudinal force input')
-    ax.axhline(0.0, color=style.EDGE, lw=0.6, zorder=1)
-
-
-def _draw_signal(ax, runs, name, **labels):
+def draw_signal(ax, runs: Sequence[EvaluatedDrive], name: str, ylabel: str, title: str) -> None:
+    """Draw a signal of SIGNALS, with the largest sideslip angle and the zero of the force."""
     for run in runs:
         stamp_ns, values = (column[::EVERY] for column in SIGNALS[name](run))
-        ax.plot(run.station_at(stamp_ns), values, **run.line)
+        ax.plot(run.station_at(stamp_ns), values, **run.look.line)
     _along(ax, runs)
     ax.set_ylim(axis_limits(name, [SIGNALS[name](run)[1] for run in runs]))
-    ax.set(**labels)
+    ax.set(ylabel=ylabel, title=title)
+    if name == 'force':
+        ax.axhline(0.0, color=style.EDGE, lw=0.6, zorder=1)
+    for run in runs if name == 'sideslip' else ():
+        _, angle = SIGNALS[name](run)
+        if not np.all(np.isnan(angle)):
+            _mark(ax, run, np.nanargmax(np.abs(angle)), angle)
 
 
 def draw_gg(ax, runs):
     """Draw the accelerations at the centre of gravity, and µg as the controller believes it."""
     for run in runs:
         acc = run.drive.accelerations
-        ax.plot(acc.ay, acc.ax, **{**run.line, 'linewidth': 0.6 * run.look.width})
+        ax.plot(acc.ay, acc.ax, **{**run.look.line, 'linewidth': 0.6 * run.look.width})
     circle, reach = friction_circle(runs)
     ax.plot(*circle, color=style.EDGE, lw=1.0)
     note(ax, 'circle: µg, as the controller\nbelieves of sliding tyres')
@@ -273,14 +221,14 @@ def friction_circle(runs):
     return radius * np.array([np.cos(angle), np.sin(angle)]), reach
 
 
-def _curve(ax, run, values, **look):
-    ax.plot(run.series.station[::EVERY], values[::EVERY], **{**run.line, **look})
+def _curve(ax, run, values):
+    ax.plot(run.series.station[::EVERY], values[::EVERY], **run.look.line)
 
 
 def _mark(ax, run, k, values):
     """Put a dot on the extreme that the metrics report."""
     point = (run.series.station[k], values[k])
-    ax.plot(*point, 'o', ms=4.5, color=run.colour, mec='white', mew=0.8, zorder=5)
+    ax.plot(*point, 'o', ms=4.5, color=run.look.colour, mec='white', mew=0.8, zorder=5)
 
 
 def _along(ax, runs):
@@ -291,10 +239,12 @@ def _along(ax, runs):
     ax.set(xlim=(low - margin, high + margin), xlabel=STATION)
 
 
-def _distance_limits(ax, gaps):
-    """Show small distances, and half a metre below the smallest."""
+def _finish_distances(ax, runs, gaps, safe):
+    """Shade the unsafe area; show small distances, and half a metre below the smallest."""
+    shade_unsafe(ax, safe)
     low = min([0.0, *(np.nanmin(gap) for gap in gaps if not np.all(np.isnan(gap)))])
     ax.set_ylim(low - 0.5, FAR_M)
+    _along(ax, runs)
 
 
 def note(ax, text):
@@ -310,3 +260,27 @@ def note(ax, text):
         fontsize=7.5,
         color=style.QUIET,
     )
+
+
+# against the station, by name: each draws on (ax, runs)
+PANELS = {
+    'v2o': draw_v2o,
+    'v2e_left': partial(draw_v2e, side='left'),
+    'v2e_right': partial(draw_v2e, side='right'),
+    'velocity': partial(
+        draw_signal, name='velocity', ylabel='$v_x$ [m/s]', title='Longitudinal velocity'
+    ),
+    'sideslip': partial(
+        draw_signal, name='sideslip', ylabel='$\\beta$ [deg]', title='Vehicle sideslip angle'
+    ),
+    'road_wheel_angle': partial(
+        draw_signal, name='steer', ylabel='$\\delta$ [deg]', title='Road-wheel angle'
+    ),
+    'longitudinal_force': partial(
+        draw_signal,
+        name='force',
+        ylabel='$F_x$ [kN], braking negative',
+        title='Longitudinal force input',
+    ),
+    'gg': draw_gg,
+}

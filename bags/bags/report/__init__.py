@@ -1,9 +1,7 @@
 """Compare runs: table, JSON, CSV, figures and an HTML report that needs no network.
 
-comparison          compare bags, or drives, and write all results
+comparison          compare bags, or runs, and write all results
 comparability       refuse runs of different scenarios or plants; provenance of each run
-metrics_table       the metrics as a table and as CSV
-film                a film of recorded runs
 overview            runs of several scenarios side by side
 page                report.html, with the claims of the paper
 interactive_panels  its panels as Bokeh figures

@@ -4,20 +4,16 @@ Positions are in the frame map [m], angles in rad, times in seconds since the fi
 The script of the page only looks up these numbers and rotates the outline.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from bokeh.models import ColumnDataSource, HoverTool, Range1d
 from bokeh.plotting import figure
 
-from bags.evaluation import geometry
-from bags.evaluation.controller_log import ControllerLog
-from bags.evaluation.drive import Scene
-from bags.evaluation.series import obstacle_position
-from bags.figures import comparison_figures, style
+from bags.evaluation.metrics.registry import EvaluatedDrive
+from bags.figures import comparison_figures, scene, style
 from bags.figures.overlay import Overlay
-from bags.figures.panels import Run
 from bags.report.interactive_panels import (
     BINS,
     decimate,
@@ -29,19 +25,32 @@ from bags.report.interactive_panels import (
 from msgs_yaml.conversions import NS_PER_S
 
 FRAME_NS = 20_000_000
-STAGE_EVERY = 2  # of the stages of a plan one in this many is drawn
 HEIGHTS = (240, 620)  # CSS pixels
 FLAG_HEIGHT = 18  # CSS pixels of a row above the road for the name of a car, at most MANY
 WIDTH = 1100  # CSS pixels, of the page on a desktop
+# by kind of a shape
+AREAS = {
+    'road': {'fill_color': style.QUIET, 'fill_alpha': 0.08},
+    'strip': {'fill_color': style.UNSAFE, 'fill_alpha': 0.18},
+}
+LINES = {
+    'edge': {'line_color': style.EDGE, 'line_width': 2},
+    'path': {'line_color': style.COARSE_PATH, 'line_width': 6},
+}
+DISCS = {
+    'unsafe': (style.UNSAFE, 0.22),
+    'touch': (style.COLLISION, 0.16),
+    'obstacle': (style.EDGE, 1.0),
+}
 
 
-def frame_times(runs: Sequence[Run]) -> np.ndarray:
+def frame_times(runs: Sequence[EvaluatedDrive]) -> np.ndarray:
     """Return the times of the frames [s], from 0 to the end of the longest run."""
     longest = max(int(np.ptp(run.drive.motion.stamp_ns)) for run in runs)
     return np.arange(0, longest + FRAME_NS, FRAME_NS) / NS_PER_S
 
 
-def opening_time(runs: Sequence[Run]) -> float:
+def opening_time(runs: Sequence[EvaluatedDrive]) -> float:
     """Return the time [s] that the film shows first: of the closest approach to an obstacle.
 
     Without obstacles, of the largest distance from the coarse path. Both are moments at which the
@@ -57,68 +66,43 @@ def opening_time(runs: Sequence[Run]) -> float:
     return min(moments)[1]
 
 
-def car_frames(run: Run, t: np.ndarray) -> dict[str, Any]:
+def car_frames(run: EvaluatedDrive, t: np.ndarray) -> dict[str, Any]:
     """Return pose, speed and station of the car in each frame, its outline and circles [m].
 
     It stays where its run ends.
     """
-    motion, series = run.drive.motion, run.series
-    columns = {
-        'x': motion.x,
-        'y': motion.y,
-        'yaw': np.unwrap(motion.yaw),
-        'speed': series.speed,
-        'station': series.station,
-    }
-    data = {name: np.interp(t, series.t, column) for name, column in columns.items()}
-    facts = run.drive.facts
-    body = {
-        **facts.outline._asdict(),
-        'circles': list(facts.circles),
-        'radius': facts.vehicle_radius,
-        'end': float(series.t[-1]),
-    }
-    return {**float32(t=t, **data), **body}
+    states, facts = scene.states_at(run, t), run.drive.facts
+    shown = {name: states[name] for name in ('x', 'y', 'yaw', 'speed', 'station')}
+    body = {'circles': list(facts.circles), 'radius': facts.vehicle_radius}
+    end = {'end': float(run.series.t[-1])}
+    return {**float32(t=t, **shown), **facts.outline._asdict(), **body, **end}
 
 
-def plan_rows(run: Run, log: ControllerLog) -> dict[str, Any]:
+def plan_rows(run: EvaluatedDrive) -> dict[str, Any]:
     """Return the predicted horizon of each tick, a row per tick."""
-    zero_ns = run.drive.motion.stamp_ns[0]
-    length = max((len(plan.X) for plan in log.predictions), default=0)
-    x, y = (
-        np.array([_row(getattr(plan, axis), length) for plan in log.predictions])
-        for axis in ('X', 'Y')
-    )
-    t = np.array([(plan.stamp_ns - zero_ns) / NS_PER_S for plan in log.predictions])
-    return float32(t=t, x=x, y=y)
+    plans = run.log.predictions
+    stages = [np.column_stack([plan.X, plan.Y]) for plan in plans]
+    stamp_ns = np.array([plan.stamp_ns for plan in plans])
+    return _rows(run, stamp_ns, stages, scene.STAGE_EVERY)
 
 
-def candidate_rows(run: Run, log: ControllerLog) -> dict[str, Any]:
+def candidate_rows(run: EvaluatedDrive) -> dict[str, Any]:
     """Return the plans that were compared and not chosen: a row per tick, gaps between them."""
-    zero_ns, gap = run.drive.motion.stamp_ns[0], np.full((1, 2), np.nan)
+    gap = np.full((1, 2), np.nan)
     ticks = [
         np.concatenate([gap, *(part for c in lines if not c.is_chosen for part in (c.points, gap))])
-        for lines in log.candidates
+        for lines in run.log.candidates
     ]
-    length = max(map(len, ticks), default=0)
-    padded = np.full((len(ticks), length, 2), np.nan)
-    for row, points in zip(padded, ticks):
+    return _rows(run, run.log.report_ns[: len(ticks)], ticks)
+
+
+def _rows(run, stamp_ns, lines, every=1):
+    """Return lines of points as rows of equal length, with not-a-number behind each."""
+    padded = np.full((len(lines), max(map(len, lines), default=0), 2), np.nan)
+    for row, points in zip(padded, lines):
         row[: len(points)] = points
-    t = (log.report_ns[: len(ticks)] - zero_ns) / NS_PER_S
-    return float32(t=t, x=padded[..., 0], y=padded[..., 1])
-
-
-def _row(values, length):
-    padded = np.append(values, np.full(length - len(values), np.nan))
-    return padded[::STAGE_EVERY]
-
-
-def obstacle_frames(scene: Scene, start_ns: int, t: np.ndarray) -> dict[str, Any]:
-    """Return the position of each obstacle in each frame, a row per frame."""
-    stamp_ns = start_ns + np.round(t * NS_PER_S).astype(np.int64)
-    positions = [obstacle_position(obstacle, scene, stamp_ns) for obstacle in scene.obstacles]
-    x, y = (np.array([xy[axis] for xy in positions]).T for axis in (0, 1))
-    return float32(t=t, x=x, y=y)
+    t = (stamp_ns - run.stamp_ns[0]) / NS_PER_S
+    return float32(t=t, x=padded[:, ::every, 0], y=padded[:, ::every, 1])
 
 
 class TopView(NamedTuple):
@@ -130,9 +114,7 @@ class TopView(NamedTuple):
     runs: list[dict[str, Any]]  # of each: name and numbers of car and plans; what is drawn
 
 
-def build_top_view(
-    runs: Sequence[Run], logs: Mapping[str, ControllerLog], overlays: Sequence[Overlay] = ()
-) -> TopView:
+def build_top_view(runs: Sequence[EvaluatedDrive], overlays: Sequence[Overlay] = ()) -> TopView:
     """Return the road from above, with the scene of the first run.
 
     Everything that moves is drawn from sources that the page updates for every frame.
@@ -140,22 +122,27 @@ def build_top_view(
     low, high = comparison_figures.road_limits(runs)
     road = float(np.clip(WIDTH * comparison_figures.road_aspect(runs), *HEIGHTS))
     height = road + FLAG_HEIGHT * min(len(runs), style.MANY)
-    top = low[1] + (high[1] - low[1]) * height / road
     plot = new_figure(
         'film',
         'X [m]',
         'Y [m]',
         x_range=Range1d(low[0], high[0]),
-        y_range=Range1d(low[1], top),
+        y_range=Range1d(low[1], low[1] + (high[1] - low[1]) * height / road),
         height=round(height),
         tools='pan,wheel_zoom,reset,save',
         active_drag='pan',
     )
-    scene, facts = runs[0].drive.scene, runs[0].drive.facts
-    _draw_road(plot, scene, facts)
+    seen, facts = runs[0].drive.scene, runs[0].drive.facts
+    keep_off = facts.vehicle_radius + facts.safe_edge
+    for shape in scene.road_shapes(seen.left, seen.right, keep_off, seen.reference):
+        if shape.kind in AREAS:
+            plot.patch(*shape.points.T, line_color=None, **AREAS[shape.kind])
+        elif shape.kind in LINES:
+            plot.line(*shape.points.T, **LINES[shape.kind])
     t = frame_times(runs)
-    still = obstacle_frames(scene, runs[0].drive.motion.stamp_ns[0], t)
-    places = _draw_obstacles(plot, scene, facts, still)
+    x, y = np.moveaxis(scene.positions_at(runs[0], t), 1, 0)
+    still = float32(t=t, x=x.T, y=y.T)
+    places = _draw_obstacles(plot, seen, facts, still)
     for run in runs:
         _trajectory(plot, run)
     for overlay in overlays:
@@ -167,8 +154,8 @@ def build_top_view(
         {
             'name': run.name,
             'car': car_frames(run, t),
-            'plan': plan_rows(run, logs[run.name]),
-            'others': candidate_rows(run, logs[run.name]),
+            'plan': plan_rows(run),
+            'others': candidate_rows(run),
             **_moving(plot, run),
         }
         for run in runs
@@ -176,40 +163,23 @@ def build_top_view(
     return TopView(plot, still, places, moving)
 
 
-def _draw_road(plot, scene, facts):
-    road_area = np.concatenate([scene.left, scene.right[::-1]])
-    plot.patch(*road_area.T, fill_color=style.QUIET, fill_alpha=0.08, line_color=None)
-    keep_off = facts.vehicle_radius + facts.safe_edge
-    for edge, inside in ((scene.left, -1.0), (scene.right, 1.0)):
-        strip = np.concatenate([edge, geometry.offset_polyline(edge, inside * keep_off)[::-1]])
-        plot.patch(*strip.T, fill_color=style.UNSAFE, fill_alpha=0.18, line_color=None)
-        plot.line(*edge.T, line_color=style.EDGE, line_width=2)
-    plot.line(*scene.reference.T, line_color=style.COARSE_PATH, line_width=6)
-
-
-def _draw_obstacles(plot, scene, facts, still):
+def _draw_obstacles(plot, seen, facts, still):
     """Ellipses, not circles: the road is drawn wider than it is long."""
-    if not scene.obstacles:
+    if not seen.obstacles:
         return None
-    radius = np.array([obstacle.radius for obstacle in scene.obstacles])
-    touch = radius + facts.vehicle_radius
-    source = ColumnDataSource(
-        {
-            'x': still['x'][0],
-            'y': still['y'][0],
-            'id': [str(obstacle.id) for obstacle in scene.obstacles],
-            'body': 2.0 * radius,
-            'touch': 2.0 * touch,
-            'unsafe': 2.0 * (touch + facts.safe_obstacle),
-        }
-    )
-    looks = (('unsafe', style.UNSAFE, 0.22), ('touch', style.COLLISION, 0.16))
-    for reach, colour, alpha in looks:
+    columns = {'x': still['x'][0], 'y': still['y'][0], 'id': [str(o.id) for o in seen.obstacles]}
+    for o in seen.obstacles:
+        discs = scene.obstacle_shapes(
+            o.id, (0.0, 0.0), o.radius, facts.vehicle_radius, facts.safe_obstacle
+        )
+        for disc in discs:
+            columns.setdefault(disc.kind, []).append(2.0 * disc.radius)
+    source = ColumnDataSource(columns)
+    for reach, (colour, alpha) in DISCS.items():
         area = {'fill_color': colour, 'fill_alpha': alpha, 'line_color': colour}
-        plot.ellipse('x', 'y', reach, reach, source=source, **area)
-    body = plot.ellipse('x', 'y', 'body', 'body', source=source, color=style.EDGE)
+        drawn = plot.ellipse('x', 'y', reach, reach, source=source, **area)
     tips = [('obstacle', '@id'), ('X', '@x{0.00} m'), ('Y', '@y{0.00} m')]
-    plot.add_tools(HoverTool(renderers=[body], tooltips=tips))
+    plot.add_tools(HoverTool(renderers=[drawn], tooltips=tips))
     return source
 
 
@@ -228,15 +198,15 @@ def _moving(plot, run):
     horizon, body, candidates, pole = (ColumnDataSource({'x': [], 'y': []}) for _ in range(4))
     circles = ColumnDataSource({'x': [], 'y': [], 'width': []})
     flag = ColumnDataSource({'x': [], 'y': [], 'text': []})
-    ink = {'line_color': run.colour}
-    filled = {'fill_color': run.colour, 'fill_alpha': 0.12}
+    ink = {'line_color': run.look.colour}
+    filled = {'fill_color': run.look.colour, 'fill_alpha': 0.12}
     look = line_look(run)
     thin = {'line_alpha': 0.5, **ink}
-    text = {'text_color': run.colour, 'text_font_size': '13px', 'text_font_style': 'bold'}
+    text = {'text_color': run.look.colour, 'text_font_size': '13px', 'text_font_style': 'bold'}
     for drawn in (
         plot.line('x', 'y', source=candidates, line_alpha=0.35, line_width=1.5, **ink),
         plot.line('x', 'y', source=horizon, line_alpha=0.6, **ink),
-        plot.scatter('x', 'y', source=horizon, size=4, line_color=None, fill_color=run.colour),
+        plot.scatter('x', 'y', source=horizon, size=4, line_color=None, fill_color=run.look.colour),
         plot.patch('x', 'y', source=body, **filled, **look),
         plot.ellipse('x', 'y', 'width', 'width', source=circles, fill_color=None, **thin),
         plot.line('x', 'y', source=pole, **thin),

@@ -48,30 +48,25 @@ def check_comparable(paths: Sequence[Path | str], infos: Sequence[Mapping[str, s
 
 def describe_plants(info: Mapping[str, str], other: Mapping[str, str]) -> str:
     """Return the first physical parameters of the plant that differ, with both values, or ''."""
-    differing = plant_differences([info, other])
-    listed = [f'{name} {_both(values)}' for name, values in list(differing.items())[:LISTED]]
+    plants = [node_parameters(each).get('plant', {}) for each in (info, other)]
+    rows = {
+        name: [plant.get(name) for plant in plants] for name in sorted({*plants[0], *plants[1]})
+    }
+    differing = [
+        n for n, (ours, theirs) in rows.items() if n not in NOT_PHYSICAL and ours != theirs
+    ]
+    listed = [
+        f'{name} '
+        + ' and '.join('unknown' if value is None else json.dumps(value) for value in rows[name])
+        for name in differing[:LISTED]
+    ]
     more = [f'and {len(differing) - LISTED} more'] if len(differing) > LISTED else []
     return ', '.join(listed + more)
-
-
-def _both(values):
-    return ' and '.join('unknown' if value is None else json.dumps(value) for value in values)
-
-
-def plant_differences(infos: Sequence[Mapping[str, str]]) -> dict[str, list]:
-    """Return the physical parameters of the plant that differ: name -> value of each run."""
-    plants = [node_parameters(info).get('plant', {}) for info in infos]
-    rows = {name: [plant.get(name) for plant in plants] for name in sorted(set().union(*plants))}
-    return {n: row for n, row in rows.items() if n not in NOT_PHYSICAL and _differs(row)}
 
 
 def node_parameters(info: Mapping[str, str]) -> dict[str, dict]:
     """Return the recorded parameters of a run by role of the node; {} without any."""
     return json.loads(info.get('parameters', '{}'))
-
-
-def _differs(values):
-    return any(value != values[0] for value in values)
 
 
 class ProvenanceRow(NamedTuple):
@@ -116,12 +111,10 @@ def parameter_rows(infos: Sequence[Mapping[str, str]]) -> dict[str, list[Provena
 
 
 def _rows(runs: Sequence[Mapping[str, Any]]):
-    names = dict.fromkeys(name for run in runs for name in run)
-    rows = {name: [run.get(name) for run in runs] for name in names}
-    return [ProvenanceRow(n, list(map(_value_text, row)), _differs(row)) for n, row in rows.items()]
-
-
-def _value_text(value):
-    if value is None:
-        return ABSENT
-    return value if isinstance(value, str) else json.dumps(value)
+    rows = []
+    for name in dict.fromkeys(name for run in runs for name in run):
+        values = [run.get(name) for run in runs]
+        texts = [v if isinstance(v, str) else json.dumps(v) for v in values]
+        texts = [ABSENT if v is None else text for v, text in zip(values, texts)]
+        rows.append(ProvenanceRow(name, texts, any(value != values[0] for value in values)))
+    return rows

@@ -2,30 +2,27 @@
 
 import json
 import os
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from rich.console import Console
 
+from bags import metrics_table
 from bags.command_line import print_paths, print_text
-from bags.errors import BagError, DamagedBagWarning
+from bags.errors import BagError
 from bags.evaluation import metrics
-from bags.evaluation.controller_log import ControllerLog, read_controller_log
-from bags.evaluation.drive import Drive, drive_from_bag, drop_nonfinite
+from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.figures import comparison_figures, panels, style
 from bags.figures.overlay import Overlay, read_overlays
-from bags.report import metrics_table, page
+from bags.report import page
 from bags.report.comparability import check_comparable
 from bags.report.page import Claim
-from bags.second_process import concurrently
-from bags.storage import read
-from bags.storage.invalid_messages import KEY, count_invalid, describe_invalid, drop_invalid
+from bags.run import Run, load_quietly
+from bags.storage.invalid_messages import KEY, describe_invalid
 
 FILE = 'comparison.json'
 FIGURES = 'figures'
-NO_LOGS: Mapping[str, ControllerLog] = {}
 NO_FAULTS: Mapping[str, Mapping[str, Any]] = {}
 
 
@@ -58,24 +55,27 @@ def compare_bags(
     """
     claims_file = claims_file or page.claims_beside(out)
     claimed = page.load_claims(claims_file) if claims_file else []
-    with warnings.catch_warnings():
-        # the damage is part of the results
-        warnings.simplefilter('ignore', DamagedBagWarning)
-        loaded = [drop_invalid(read.load(path)) for path in paths]
+    loaded = [load_quietly(path) for path in paths]
     if not force:
-        check_comparable(paths, [bag.run_info for bag in loaded])
-    driven = [drive_from_bag(bag) for bag in loaded]
-    names = name_runs(paths, [drive.facts.controller for drive in driven])
-    drives = dict(zip(names, driven))
-    logs = {name: read_controller_log(bag) for name, bag in zip(names, loaded)}
-    by_name = dict(zip(drives, loaded))
-    invalid = {name: count_invalid(bag) for name, bag in by_name.items()}
+        check_comparable(paths, [run.run_info for run in loaded])
+    runs = _named(paths, loaded)
     faults = {
-        'damage': {name: bag.damage for name, bag in by_name.items() if bag.damage},
-        KEY: {name: counts[KEY] for name, counts in invalid.items() if counts},
+        'damage': {name: run.damage for name, run in runs.items() if run.damage},
+        KEY: {name: run.invalid[KEY] for name, run in runs.items() if run.invalid},
     }
-    overlays = read_overlays(overlay_files, names, driven[0].scene) if overlay_files else ()
-    return compare_drives(drives, out, faults, logs, claimed, overlays)
+    overlays = ()
+    if overlay_files:
+        overlays = read_overlays(overlay_files, list(runs), loaded[0].drive.scene)
+    return compare_runs(panels.assign(runs), out, faults, claimed, overlays)
+
+
+def load_runs(paths: Sequence[Path | str]) -> dict[str, Run]:
+    """Return the runs of bags by their names (`name_runs`). Raises BagError."""
+    return _named(paths, list(map(load_quietly, paths)))
+
+
+def _named(paths, runs):
+    return dict(zip(name_runs(paths, [run.drive.facts.controller for run in runs]), runs))
 
 
 def name_runs(paths: Sequence[Path | str], recorded: Sequence[str]) -> list[str]:
@@ -97,55 +97,40 @@ def name_runs(paths: Sequence[Path | str], recorded: Sequence[str]) -> list[str]
     return names
 
 
-def compare_drives(
-    drives: dict[str, Drive],
+def compare_runs(
+    runs: Sequence[EvaluatedDrive],
     out: Path,
     faults: Mapping[str, Mapping[str, Any]] = NO_FAULTS,
-    logs: Mapping[str, ControllerLog] = NO_LOGS,
     claimed: Sequence[Claim] = (),
     overlays: Sequence[Overlay] = (),
 ) -> Comparison:
-    """Evaluate drives by controller name and write the results into the folder `out`.
+    """Write the results of runs that have names and looks (`panels.assign`) into the folder `out`.
 
-    `faults` of the bags by controller: `damage`, the position of the first one, and
-    `invalid_messages`, those that were left out. `logs` by controller: without one the report
-    shows neither horizon nor provenance of a drive.
+    `faults` of the bags by run: `damage`, the position of the first one, and `invalid_messages`,
+    those that were left out. Of a run whose log is empty the report shows neither horizon nor
+    provenance.
     """
-    drives = {name: drop_nonfinite(drive) for name, drive in drives.items()}
-    scenario = next(iter(drives.values())).facts.scenario
-    runs = panels.evaluate_runs(drives)
-    by_run = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
+    scenario = runs[0].drive.facts.scenario
+    by_run = {run.name: metrics.metrics_of(run) for run in runs}
     values = {'scenario': scenario, 'runs': by_run}
-    values |= metrics_table.drives_of_paper(drives.values())
+    values |= metrics_table.drives_of_paper(run.drive for run in runs)
     if overlays:
-        values['overlays'] = {
-            overlay.name: [*overlay.axes, *overlay.signals] for overlay in overlays
-        }
+        values['overlays'] = {laid.name: [*laid.axes, *laid.signals] for laid in overlays}
     values |= {kind: dict(by_name) for kind, by_name in faults.items() if by_name}
-    out.mkdir(parents=True, exist_ok=True)
-    file = out / FILE
-    replaced = _compared_runs(file)
+    file, table_file, folder = out / FILE, out / metrics_table.CSV_FILE, out / FIGURES
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        replaced = tuple(json.loads(file.read_text())['runs'])
+    except (OSError, ValueError, KeyError, TypeError):
+        replaced = ()  # there is none to be read
     file.write_text(json.dumps(values, indent=2, allow_nan=False) + '\n')
-    table_file = out / metrics_table.CSV_FILE
     table_file.write_text(metrics_table.metrics_csv(by_run))
-    folder = out / FIGURES
-    folder.mkdir(exist_ok=True)
-    costly = comparison_figures.COSTLY
-    others = [name for name in comparison_figures.ALL if name not in costly]
-    with concurrently(comparison_figures.write_figures, runs, scenario, folder, costly, overlays):
-        comparison_figures.write_figures(runs, scenario, folder, others, overlays)
-        data = page.ReportData(values, runs, logs, claimed, overlays)
-        report = page.write_report(data, out / page.REPORT_FILE)
+    comparison_figures.write_figures(runs, scenario, folder, overlays)
+    report = out / page.REPORT_FILE
+    data = page.ReportData(values, runs, claimed, overlays)
+    report.write_text(page.report_html(data), encoding='utf-8')
     drawn = [p for name in comparison_figures.ALL for p in style.figure_paths(folder / name)]
     return Comparison(values, file, table_file, drawn, report, replaced)
-
-
-def _compared_runs(file):
-    """Return the names of the runs in a comparison.json, () where there is none to be read."""
-    try:
-        return tuple(json.loads(file.read_text())['runs'])
-    except (OSError, ValueError, KeyError, TypeError):
-        return ()
 
 
 def show_comparison(comparison: Comparison, console: Console) -> None:
@@ -167,10 +152,5 @@ def show_comparison(comparison: Comparison, console: Console) -> None:
         what = f'replaces the comparison that was there, of {listed}'
         print_text(console, f'{what}; --out DIR keeps both')
     figure = next(path for path in comparison.figures if path.suffix == '.png')
-    places = {
-        'numbers': comparison.file,
-        'as CSV': comparison.sheet,
-        'figures': figure,
-        'report': comparison.report,
-    }
-    print_paths(console, places)
+    places = {'numbers': comparison.file, 'as CSV': comparison.sheet, 'figures': figure}
+    print_paths(console, {**places, 'report': comparison.report})

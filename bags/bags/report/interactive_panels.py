@@ -3,7 +3,7 @@
 Signals of 1 kHz are decimated so that every extreme stays visible.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,11 +17,11 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
-from bags.evaluation.controller_log import ControllerLog
 from bags.evaluation.drive import Facts
+from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.figures import style
 from bags.figures.overlay import STATION, TIME, Overlay
-from bags.figures.panels import FAR_M, LEAST_SPANS, SIGNALS, Run, axis_limits, friction_circle
+from bags.figures.panels import FAR_M, LEAST_SPANS, SIGNALS, axis_limits, friction_circle
 
 BINS = 600  # a panel is at most about that many pixels wide
 HEIGHT = 260  # CSS pixels
@@ -58,11 +58,7 @@ def decimate(values: np.ndarray, bins: int) -> np.ndarray:
     return np.unique(np.concatenate(chosen))
 
 
-class Curve(NamedTuple):
-    """The line of a run in a panel."""
-
-    stamp_ns: np.ndarray  # (n,)
-    values: np.ndarray  # (n,)
+Curve = tuple[np.ndarray, np.ndarray]  # stamps (n,) [ns] and values (n,)
 
 
 class Panel(NamedTuple):
@@ -72,14 +68,14 @@ class Panel(NamedTuple):
     title: str
     axis: str  # label of the vertical axis, with its unit
     # None: the signal of this name in SIGNALS
-    line: Callable[[Run, ControllerLog], Curve | None] | None = None
+    line: Callable[[EvaluatedDrive], Curve | None] | None = None
     # the safety distance of a run; None where that has no meaning
     unsafe: Callable[[Facts], float] | None = None
     least_top: float = 0.0  # of an axis that begins at 0
 
-    def curve(self, run: Run, log: ControllerLog) -> Curve | None:
+    def curve(self, run: EvaluatedDrive) -> Curve | None:
         """Return the line of a run; None where it has none."""
-        return self.line(run, log) if self.line else Curve(*SIGNALS[self.name](run))
+        return self.line(run) if self.line else SIGNALS[self.name](run)
 
     def limits(self, columns: Sequence[np.ndarray]) -> tuple[float, float]:
         """Return the limits of the vertical axis for the values that it shows."""
@@ -88,21 +84,20 @@ class Panel(NamedTuple):
         return 0.0, max(self.least_top, *(1.05 * float(np.nanmax(column)) for column in columns))
 
 
-def _v2o(run, _):
+def _v2o(run):
     """Return the distance to the nearest obstacle: more lines would not be readable."""
-    gaps = list(run.series.v2o.values())
-    if not gaps:
+    if not run.series.v2o:
         return None
-    nearest = np.fmin.reduce(gaps)
-    return Curve(run.drive.motion.stamp_ns, np.where(nearest < FAR_M, nearest, np.nan))
+    nearest = np.fmin.reduce(list(run.series.v2o.values()))
+    return run.stamp_ns, np.where(nearest < FAR_M, nearest, np.nan)
 
 
 def _v2e(side):
-    return lambda run, _: Curve(run.drive.motion.stamp_ns, run.series.v2e[side])
+    return lambda run: (run.stamp_ns, run.series.v2e[side])
 
 
 def _reported(name):
-    return lambda _, log: Curve(log.report_ns, log.numbers[name]) if log.numbers else None
+    return lambda run: (run.log.report_ns, run.log.numbers[name]) if run.log.numbers else None
 
 
 FRICTION = 'F / µF_z'  # share of the friction of an axle that the controller's model uses
@@ -120,19 +115,15 @@ PANELS = (
     Panel('lateral', 'Lateral acceleration', 'a_y [m/s²]'),
     Panel('steer', 'Road-wheel angle', 'δ [deg]'),
     Panel('force', 'Longitudinal force, braking negative', 'F_x [kN]'),
-    Panel(
-        'friction_front',
-        'Friction use in the controller, front axle',
-        FRICTION,
-        _reported('friction.front'),
-        least_top=1.05,
-    ),
-    Panel(
-        'friction_rear',
-        'Friction use in the controller, rear axle',
-        FRICTION,
-        _reported('friction.rear'),
-        least_top=1.05,
+    *(
+        Panel(
+            f'friction_{axle}',
+            f'Friction use in the controller, {axle} axle',
+            FRICTION,
+            _reported(f'friction.{axle}'),
+            least_top=1.05,
+        )
+        for axle in ('front', 'rear')
     ),
     Panel('solve', 'Solve time per tick', '[ms]', _reported('time.solve_ms'), least_top=20.0),
 )
@@ -140,31 +131,34 @@ PANELS = (
 
 def plot_panel(
     panel: Panel,
-    runs: Sequence[Run],
-    logs: Mapping[str, ControllerLog],
+    runs: Sequence[EvaluatedDrive],
     time_axis: Range1d,
     overlays: Sequence[Overlay] = (),
 ) -> figure | None:
     """Return the figure of a panel over `time_axis` [s]; None when no run has anything to show."""
-    curves = [(run, panel.curve(run, logs[run.name])) for run in runs]
-    drawn = [(run, curve) for run, curve in curves if curve and np.isfinite(curve.values).any()]
+    drawn = [(run, *curve) for run in runs if (curve := panel.curve(run))]
+    drawn = [curve for curve in drawn if np.isfinite(curve[-1]).any()]
     if not drawn:
         return None
     plot = new_figure(panel.name, 'time [s]', panel.axis, title=panel.title, x_range=time_axis)
-    laid = [
-        overlay
-        for overlay in overlays
-        if np.isfinite(overlay.signals.get(panel.name, np.nan)).any()
-    ]
-    values = [curve.values for _, curve in drawn] + [
-        overlay.signals[panel.name] for overlay in laid
-    ]
+    laid = [o for o in overlays if np.isfinite(o.signals.get(panel.name, np.nan)).any()]
+    values = [curve[-1] for curve in drawn] + [o.signals[panel.name] for o in laid]
     if panel.unsafe:
         _shade(plot, max(panel.unsafe(run.drive.facts) for run in runs), values)
     else:
         plot.y_range = Range1d(*panel.limits(values))
-    lines = [_plot_curve(plot, run, curve) for run, curve in drawn]
-    lines += [_plot_overlay(plot, overlay, overlay.signals[panel.name]) for overlay in laid]
+    lines = []
+    for run, stamp_ns, column in drawn:
+        chosen = decimate(column, BINS)
+        at_ns = stamp_ns[chosen]
+        line = _since(run, at_ns), run.station_at(at_ns), column[chosen]
+        lines.append(_plot_curve(plot, run, *line))
+    for overlay in laid:
+        column = overlay.signals[panel.name]
+        unknown = np.full(len(column), np.nan)
+        places = (overlay.along(axis) for axis in (TIME, STATION))
+        places = (unknown if place is None else place for place in places)
+        lines.append(_plot_curve(plot, overlay, *places, column))
     where = [('run', '$name'), (panel.axis, '@value{0.000}'), ('time', '@time{0.000} s')]
     where.append(('station', '@station{0.0} m'))
     plot.add_tools(HoverTool(renderers=lines, tooltips=where, mode='vline'))
@@ -174,7 +168,13 @@ def plot_panel(
     return plot
 
 
-def plot_gg(runs: Sequence[Run]) -> figure:
+def _plot_curve(plot, run, time, station, value):
+    source = ColumnDataSource(float32(time=time, station=station, value=value))
+    line = plot.line('time', 'value', source=source, name=run.name, **line_look(run))
+    return tag_run(run, line, CURVE)
+
+
+def plot_gg(runs: Sequence[EvaluatedDrive]) -> figure:
     """Return the accelerations at the centre of gravity within the friction circle."""
     circle, reach = friction_circle(runs)
     ranges = {'x_range': Range1d(-reach, reach), 'y_range': Range1d(-reach, reach)}
@@ -194,13 +194,13 @@ def plot_gg(runs: Sequence[Run]) -> figure:
     return plot
 
 
-def tag_run(run: Run | Overlay, drawn: GlyphRenderer, *tags: str) -> GlyphRenderer:
+def tag_run(run: EvaluatedDrive | Overlay, drawn: GlyphRenderer, *tags: str) -> GlyphRenderer:
     """Tag a glyph with its run, so that the page can hide it; return it."""
     drawn.tags = [f'run:{run.name}', *tags]
     return drawn
 
 
-def line_look(run: Run | Overlay) -> dict:
+def line_look(run: EvaluatedDrive | Overlay) -> dict:
     """Return colour, width and dash of the lines of a run."""
     look = run.look
     dash = [max(1, round(part)) for part in look.dash]
@@ -232,25 +232,6 @@ def new_figure(name: str, x_label: str, y_label: str, **options: Any) -> figure:
     plot.toolbar.logo = None
     plot.toolbar.autohide = True
     return plot
-
-
-def _plot_curve(plot, run, curve):
-    chosen = decimate(curve.values, BINS)
-    stamp_ns = curve.stamp_ns[chosen]
-    time, station = _since(run, stamp_ns), run.station_at(stamp_ns)
-    source = ColumnDataSource(float32(time=time, station=station, value=curve.values[chosen]))
-    line = plot.line('time', 'value', source=source, name=run.name, **line_look(run))
-    return tag_run(run, line, CURVE)
-
-
-def _plot_overlay(plot, overlay, values):
-    unknown = np.full(len(values), np.nan)
-    time, station = (
-        unknown if overlay.along(axis) is None else overlay.along(axis) for axis in (TIME, STATION)
-    )
-    source = ColumnDataSource(float32(time=time, station=station, value=values))
-    line = plot.line('time', 'value', source=source, name=overlay.name, **line_look(overlay))
-    return tag_run(overlay, line, CURVE)
 
 
 def _shade(plot, safe, columns):

@@ -1,11 +1,7 @@
 """Runs of several scenarios side by side: a table by scenario, a CSV file, a figure."""
 
-import csv
-import io
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -13,19 +9,15 @@ from matplotlib.figure import Figure
 from rich.table import Table
 from rich.text import Text
 
-from bags.errors import BagError, DamagedBagWarning
+from bags import metrics_table
+from bags.errors import BagError
 from bags.evaluation import metrics
-from bags.evaluation.drive import drive_from_bag, drop_nonfinite
-from bags.evaluation.flattening import flatten
 from bags.evaluation.metrics.registry import Metric
-from bags.evaluation.series import compute_series
 from bags.figures import style
-from bags.report import metrics_table
 from bags.report.comparability import check_comparable
 from bags.report.comparison import name_runs
-from bags.storage import read
+from bags.run import Run, load_quietly
 from bags.storage.bag_writer import METADATA
-from bags.storage.invalid_messages import drop_invalid
 from msgs_yaml.strict_yaml import closest
 
 SHOWN = (
@@ -39,16 +31,6 @@ SPREAD = 0.6  # of the height of a scenario, over which its runs are spread
 MARKERS = 'osD^vP*X'
 
 
-class Row(NamedTuple):
-    """One run."""
-
-    scenario: str
-    run: str  # the controller, or the label
-    bag: Path
-    info: Mapping[str, str]  # metadata record `run`
-    metrics: Mapping[str, Any]
-
-
 def find_bags(paths: Sequence[Path]) -> list[Path]:
     """Return the bags at paths: bags themselves, and all below other folders.
 
@@ -60,8 +42,8 @@ def find_bags(paths: Sequence[Path]) -> list[Path]:
         if not path.is_dir() or (path / METADATA).is_file():
             bags.append(path)
             continue
-        below = sorted(file.parent for file in path.rglob(METADATA))
-        below = [bag for bag in below if not _is_aside(bag.relative_to(path))]
+        folders = (file.parent for file in path.rglob(METADATA))
+        below = [bag for bag in sorted(folders) if not _is_aside(bag.relative_to(path))]
         if not below:
             raise BagError(f'{path}: is no bag, and none is below it')
         bags += below
@@ -72,34 +54,30 @@ def _is_aside(path):
     return path.suffix == INTERRUPTED or any(part.startswith('.') for part in path.parts)
 
 
-def read_rows(bags: Sequence[Path]) -> list[Row]:
+def read_runs(bags: Sequence[Path]) -> list[Run]:
     """Evaluate the bags one by one, in the order of their scenarios.
 
     Runs of one controller in one scenario are called after their folders. Raises BagError.
     """
-    rows = []
+    runs = []
     for path in bags:
-        with warnings.catch_warnings():
-            warnings.simplefilter('ignore', DamagedBagWarning)
-            bag = drop_invalid(read.load(path))
-        drive = drop_nonfinite(drive_from_bag(bag))
-        values = metrics.compute_metrics(drive, compute_series(drive))
-        facts = drive.facts
-        rows.append(Row(facts.scenario, facts.controller, path, bag.run_info, values))
-    return [row for group in by_scenario(rows).values() for row in _named(group)]
+        runs.append(load_quietly(path))
+        runs[-1].path = path
+        runs[-1].keep_metrics()
+    groups = by_scenario(runs)
+    for group in groups.values():
+        names = name_runs([run.path for run in group], [run.label for run in group])
+        for run, name in zip(group, names):
+            run.name = name
+    return [run for group in groups.values() for run in group]
 
 
-def by_scenario(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Return the rows of each scenario, in the order in which the scenarios come first."""
-    groups: dict[str, list[Row]] = {}
-    for row in rows:
-        groups.setdefault(row.scenario, []).append(row)
+def by_scenario(runs: Sequence[Run]) -> dict[str, list[Run]]:
+    """Return the runs of each scenario, in the order in which the scenarios come first."""
+    groups: dict[str, list[Run]] = {}
+    for run in runs:
+        groups.setdefault(run.scenario, []).append(run)
     return groups
-
-
-def _named(group):
-    names = name_runs([row.bag for row in group], [row.run for row in group])
-    return [row._replace(run=name) for row, name in zip(group, names)]
 
 
 def choose_metrics(names: Sequence[str]) -> list[Metric]:
@@ -111,64 +89,59 @@ def choose_metrics(names: Sequence[str]) -> list[Metric]:
     return [metrics.METRICS[name] for name in names]
 
 
-def check_single(rows: Sequence[Row], chosen: Sequence[Metric]) -> None:
+def check_single(runs: Sequence[Run], chosen: Sequence[Metric]) -> None:
     """Raise BagError for a metric that has several values per run."""
     for metric in chosen:
-        if any(isinstance(row.metrics[metric.name], (Mapping, list)) for row in rows):
+        if any(isinstance(run.metrics[metric.name], (Mapping, list)) for run in runs):
             raise BagError(
                 f'{metric.name} has several values per run; a column holds one '
                 f'(overview.csv has all of them)'
             )
 
 
-def unlike(rows: Sequence[Row]) -> Iterator[str]:
+def unlike(runs: Sequence[Run]) -> Iterator[str]:
     """Yield a line for each scenario whose runs are not comparable, with the reason."""
-    for group in by_scenario(rows).values():
+    for group in by_scenario(runs).values():
         try:
-            check_comparable([row.bag for row in group], [row.info for row in group])
+            check_comparable([run.path for run in group], [run.run_info for run in group])
         except BagError as error:
             yield str(error).partition(': their numbers')[0]
 
 
-def build_table(rows: Sequence[Row], chosen: Sequence[Metric]) -> Table:
+def build_table(runs: Sequence[Run], chosen: Sequence[Metric]) -> Table:
     """Return a table with a row per run, grouped by scenario, and a column per metric."""
     table = metrics_table.narrow_table('Runs by scenario')
     table.add_column('scenario, run', no_wrap=True)
     for metric in chosen:
         unit = f' [{metric.unit}]' if metric.unit else ''
         table.add_column(Text(f'{_title(metric)}{unit}'), justify='right')
-    for scenario, group in by_scenario(rows).items():
+    for scenario, group in by_scenario(runs).items():
         table.add_row(Text(scenario, 'bold'))
-        for row in group:
-            values = row.metrics
-            cells = [metrics_table.cell(metric, values[metric.name], values) for metric in chosen]
-            shown = [Text(cell.text, metrics_table.COLOURS[cell.good]) for cell in cells]
-            table.add_row(f'  {row.run}', *shown)
+        for run in group:
+            table.add_row(f'  {run.name}', *metrics_table.chosen_cells(chosen, run.metrics))
     return table
 
 
-def overview_csv(rows: Sequence[Row]) -> str:
+def overview_csv(runs: Sequence[Run]) -> str:
     """Return a CSV of every single metric: a row per run, a column per metric."""
-    flat = [flatten(row.metrics) for row in rows]
-    columns = list(dict.fromkeys(name for flattened in flat for name in flattened))
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator='\n')
-    writer.writerow(['scenario', 'run', 'bag', *columns])
-    for row, flattened in zip(rows, flat):
-        values = (metrics_table.csv_cell(flattened.get(name)) for name in columns)
-        writer.writerow([row.scenario, row.run, row.bag, *values])
-    return out.getvalue()
+    flat = [run.metrics.flat() for run in runs]
+    columns = list(dict.fromkeys(name for values in flat for name in values))
+    rows = (
+        [run.scenario, run.name, run.path, *map(values.get, columns)]
+        for run, values in zip(runs, flat)
+    )
+    return metrics_table.csv_text(['scenario', 'run', 'bag', *columns], rows, 3)
 
 
-def draw_overview(rows: Sequence[Row], chosen: Sequence[Metric]) -> Figure:
+def draw_overview(runs: Sequence[Run], chosen: Sequence[Metric]) -> Figure:
     """Return a figure with a panel per metric that is a number, and a line per scenario."""
     drawn = [
-        metric for metric in chosen if any(_is_number(row.metrics[metric.name]) for row in rows)
+        metric for metric in chosen if any(_is_number(run.metrics[metric.name]) for run in runs)
     ]
     if not drawn:
         raise BagError('none of these metrics is a number that could be drawn')
-    scenarios = list(by_scenario(rows))
-    names = list(dict.fromkeys(row.run for row in rows))
+    scenarios = list(by_scenario(runs))
+    names = list(dict.fromkeys(run.name for run in runs))
     colours = style.assign_colours(names)
     with mpl.rc_context(style.RC):
         size = 2.2 + PANEL_INCH * len(drawn), 1.5 + ROW_INCH * len(scenarios)
@@ -179,9 +152,9 @@ def draw_overview(rows: Sequence[Row], chosen: Sequence[Metric]) -> Figure:
                 # a line of its own within the scenario: equal values stay visible
                 aside = SPREAD * (k - (len(names) - 1) / 2) / len(names)
                 points = [
-                    (row.metrics[metric.name], scenarios.index(row.scenario) + aside)
-                    for row in rows
-                    if row.run == name and _is_number(row.metrics[metric.name])
+                    (run.metrics[metric.name], scenarios.index(run.scenario) + aside)
+                    for run in runs
+                    if run.name == name and _is_number(run.metrics[metric.name])
                 ]
                 look = {'color': colours[name], 'marker': MARKERS[k % len(MARKERS)], 'ls': ''}
                 ax.plot(*np.array(points).reshape(-1, 2).T, label=name, ms=6, mec='white', **look)
@@ -193,12 +166,12 @@ def draw_overview(rows: Sequence[Row], chosen: Sequence[Metric]) -> Figure:
     return figure
 
 
-def write_overview(rows: Sequence[Row], chosen: Sequence[Metric], out: Path) -> dict[str, Path]:
+def write_overview(runs: Sequence[Run], chosen: Sequence[Metric], out: Path) -> dict[str, Path]:
     """Write CSV and figure into the folder `out`; return their paths by what they are."""
-    figure = draw_overview(rows, chosen)
+    figure = draw_overview(runs, chosen)
     out.mkdir(parents=True, exist_ok=True)
     table = out / CSV_FILE
-    table.write_text(overview_csv(rows))
+    table.write_text(overview_csv(runs))
     with mpl.rc_context(style.RC):
         picture = style.save_figure(figure, out / FIGURE)[0]
     return {'as CSV': table, 'figure': picture}

@@ -13,14 +13,15 @@ from bokeh.embed import components
 from bokeh.models import CustomJS, Range1d
 from bokeh.resources import Resources
 
+from bags import metrics_table
 from bags.errors import BagError
 from bags.evaluation import metrics
-from bags.evaluation.controller_log import EMPTY_LOG, ControllerLog
 from bags.evaluation.descriptions import describe_runs
+from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.figures import style
 from bags.figures.overlay import Overlay
-from bags.figures.panels import Run, legend_looks
-from bags.report import animation, interactive_panels, metrics_table
+from bags.figures.panels import legend_looks
+from bags.report import animation, interactive_panels
 from bags.report.comparability import origin_rows, parameter_rows
 from bags.report.interactive_panels import PANELS
 from bags.storage.invalid_messages import KEY
@@ -63,67 +64,65 @@ def load_claims(file: Path) -> list[Claim]:
         raise BagError(f'{file}: no claims can be read: {error}') from None
     if not isinstance(claims, list):
         raise BagError(f'{file}: must be a list of claims, is a {type(claims).__name__}')
-    return [_claim(file, k, claim) for k, claim in enumerate(claims)]
-
-
-def _claim(file, k, claim):
-    missing = [key for key in TEXTS if not isinstance(claim, dict) or key not in claim]
-    if missing:
-        raise BagError(f'{file}: claim {k} lacks {", ".join(missing)}')
-    reasons = claim.get('reasons', {})
-    if not isinstance(reasons, dict) or not all(isinstance(text, str) for text in reasons.values()):
-        raise BagError(f'{file}: claim {k}: reasons: must be a mapping of texts, is {reasons!r}')
-    return Claim(*(_claim_text(claim[key]) for key in TEXTS), reasons)
-
-
-def _claim_text(value: Any):
-    if value is None:
-        return '–'
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    read = []
+    for k, claim in enumerate(claims):
+        missing = [key for key in TEXTS if not isinstance(claim, dict) or key not in claim]
+        if missing:
+            raise BagError(f'{file}: claim {k} lacks {", ".join(missing)}')
+        reasons = claim.get('reasons', {})
+        if not (isinstance(reasons, dict) and all(isinstance(v, str) for v in reasons.values())):
+            raise BagError(
+                f'{file}: claim {k}: reasons: must be a mapping of texts, is {reasons!r}'
+            )
+        values = {key: '–' if claim[key] is None else claim[key] for key in TEXTS}
+        texts = (
+            v if isinstance(v, str) else json.dumps(v, ensure_ascii=False) for v in values.values()
+        )
+        read.append(Claim(*texts, reasons))
+    return read
 
 
 class ReportData(NamedTuple):
     """The contents of the report."""
 
     values: Mapping[str, Any]  # comparison.json
-    runs: Sequence[Run]
-    logs: Mapping[str, ControllerLog]  # by run; a run may lack one
+    runs: Sequence[EvaluatedDrive]  # with names and looks
     claims: Sequence[Claim] = ()
     overlays: Sequence[Overlay] = ()
 
 
-def write_report(data: ReportData, file: Path) -> Path:
-    """Write the report of a comparison; return `file`."""
-    file.write_text(report_html(data), encoding='utf-8')
-    return file
-
-
 def report_html(data: ReportData) -> str:
     """Return the page with all styles, scripts and data inside: it loads nothing."""
-    runs = data.runs
-    logs = {run.name: data.logs.get(run.name, EMPTY_LOG) for run in runs}
-    infos = [logs[run.name].run_info for run in runs]
+    runs, overlays = data.runs, data.overlays
+    infos = [run.log.run_info for run in runs]
     with_paper = data.values.get(metrics_table.OF_PAPER, False)
-    view = animation.build_top_view(runs, logs, data.overlays)
+    view = animation.build_top_view(runs, overlays)
     duration = float(view.obstacles['t'][-1])
     time_axis = Range1d(0.0, duration)
-    overlays = data.overlays
-    panels = [
-        interactive_panels.plot_panel(panel, runs, logs, time_axis, overlays) for panel in PANELS
-    ]
+    panels = [interactive_panels.plot_panel(panel, runs, time_axis, overlays) for panel in PANELS]
     panels = [plot for plot in panels if plot] + [interactive_panels.plot_gg(runs)]
     shaded = {panel.name for panel in PANELS if panel.unsafe}
-    script, divs = _embedded(view, panels)
-    return _template().render(
+    document = Document()
+    # one pass over all models instead of one per figure
+    with document.models.freeze():
+        for plot in (view.plot, *panels):
+            document.add_root(plot)
+    arguments = {'film': view._asdict(), 'panels': panels}
+    document.js_on_event('document_ready', CustomJS(args=arguments, code=START))
+    # the script with all figures, and the HTML element of each by name
+    figures = {plot.name: plot for plot in (view.plot, *panels)}
+    script, divs = components(figures, wrap_script=False)
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
+    environment.trim_blocks = environment.lstrip_blocks = True
+    template = environment.from_string((PAGE / 'report.html').read_text())
+    return template.render(
         scenario=data.values['scenario'],
         runs=[(run.name, run.look) for run in runs],
         has_many=len(runs) > style.MANY,
         legend=legend_looks(runs),
         most_flags=style.MANY,
         about=describe_runs([run.name for run in runs], infos),
-        overlays=[
-            (overlay.name, overlay.look, sorted(overlay.signals)) for overlay in data.overlays
-        ],
+        overlays=[(laid.name, laid.look, sorted(laid.signals)) for laid in overlays],
         areas=style.AREAS,
         shaded=shaded,
         coarse_path=style.COARSE_PATH,
@@ -149,21 +148,3 @@ def report_html(data: ReportData) -> str:
         style=(PAGE / 'report.css').read_text(),
         script=(PAGE / 'report.js').read_text(),
     )
-
-
-def _embedded(view, panels):
-    """Return the script with all figures, and the HTML element of each by name."""
-    document = Document()
-    # one pass over all models instead of one per figure
-    with document.models.freeze():
-        for plot in (view.plot, *panels):
-            document.add_root(plot)
-    arguments = {'film': view._asdict(), 'panels': panels}
-    document.js_on_event('document_ready', CustomJS(args=arguments, code=START))
-    return components({plot.name: plot for plot in (view.plot, *panels)}, wrap_script=False)
-
-
-def _template():
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-    environment.trim_blocks = environment.lstrip_blocks = True
-    return environment.from_string((PAGE / 'report.html').read_text())

@@ -89,7 +89,11 @@ class McapFile:
 
     def close(self, records: Mapping[str, Mapping[str, str]]) -> FileFacts:
         """Write further records, summary and footer; return what metadata.yaml says of the file."""
-        facts = FileFacts(self._name, self.span, self.counts)
+        counts = Counter()
+        for topic, n in zip(self.topics, self._counts):
+            counts[topic.name] += n
+        span = Span(sum(self._counts), self.first_ns or 0, self._last_ns or 0)
+        facts = FileFacts(self._name, span, counts)
         self._writer.flush()
         for record, values in records.items():
             self._writer.add_metadata(record, dict(values))
@@ -103,19 +107,6 @@ class McapFile:
     def size(self) -> int:
         """Bytes in the file, without the current chunk."""
         return self._stream.tell()
-
-    @property
-    def counts(self) -> Counter[str]:
-        """Messages written so far per topic."""
-        counts = Counter()
-        for topic, n in zip(self.topics, self._counts):
-            counts[topic.name] += n
-        return counts
-
-    @property
-    def span(self) -> Span:
-        """Number of messages and their first and last log time, zeros for none."""
-        return Span(sum(self._counts), self.first_ns or 0, self._last_ns or 0)
 
 
 class _WholeWrites:
@@ -230,18 +221,14 @@ class BagWriter:
         `sequence` is the publisher's count, 0 where unknown. Continues in another file as
         `split` demands.
         """
-        if self._is_full(log_ns):
-            self._closed.append(self._file.close({}))
+        file, split = self._file, self._split
+        if file.first_ns is not None and (
+            (split.bytes and file.size >= split.bytes)
+            or (split.duration_ns and log_ns - file.first_ns >= split.duration_ns)
+        ):
+            self._closed.append(file.close({}))
             self._file = self._next_file()
         self._file.write(topic, log_ns, publish_ns, data, sequence)
-
-    def _is_full(self, log_ns):
-        file, split = self._file, self._split
-        if split.bytes and file.size >= split.bytes and file.first_ns is not None:
-            return True
-        if split.duration_ns and file.first_ns is not None:
-            return log_ns - file.first_ns >= split.duration_ns
-        return False
 
     def flush(self):
         """Close the current chunk and pass it to the operating system."""

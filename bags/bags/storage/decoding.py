@@ -17,7 +17,7 @@ import numpy as np
 from bags.errors import BagError
 from bags.storage import cdr
 from bags.storage.cdr import HEADER, Layout
-from bags.storage.columns import Columns, table_type
+from bags.storage.columns import Columns
 from bags.storage.rosbag2_metadata import BagTopic
 from msgs_yaml import decode, flat_fields
 from msgs_yaml.conversions import NS_PER_S, quaternions_to_headings
@@ -52,7 +52,10 @@ def stamp_reader(type_name: str) -> Callable[[bytes], int]:
     A MarkerArray has the stamp of its first marker; every other type of the contract begins with
     its stamp. The function raises `msgs_yaml.decode.DecodeError` for a message without one.
     """
-    return _stamp_of_first_marker if type_name == MARKER_ARRAY else stamp_ns_of
+    if type_name != MARKER_ARRAY:
+        return stamp_ns_of
+    begin = HEADER + MARKER_COUNT_BYTES
+    return lambda data: stamp_ns_of(data[:HEADER] + data[begin : begin + STAMP_BYTES])
 
 
 def header_stamps_ns(topic: str, payloads: Sequence[bytes]) -> np.ndarray:
@@ -67,11 +70,6 @@ def header_stamps_ns(topic: str, payloads: Sequence[bytes]) -> np.ndarray:
         except DecodeError as error:
             raise BagError(f'message {i} of {topic}: {error}') from error
     return stamps_ns
-
-
-def _stamp_of_first_marker(data):
-    begin = HEADER + MARKER_COUNT_BYTES
-    return stamp_ns_of(data[:HEADER] + data[begin : begin + STAMP_BYTES])
 
 
 def decode_message(topic: BagTopic, payload: bytes) -> Any:
@@ -109,7 +107,11 @@ def build_columns(topic: BagTopic, payloads: list[bytes], zero_ns: int) -> Colum
     stamp_ns = np.empty(len(payloads), dtype=np.int64)
     table = {name: np.empty((len(payloads), len(group))) for name, group in paths.items()}
     for rows, bytes_, layout in group_by_layout(payloads, topic.schema, topic.type):
-        stamp_ns[rows] = _stamp_ns(bytes_, layout)
+        sec, nanosec = (column(bytes_, layout, f'{STAMP}.{part}') for part in ('sec', 'nanosec'))
+        if not (np.can_cast(sec.dtype, np.int32) and np.can_cast(nanosec.dtype, np.uint32)):
+            kinds = f'{sec.dtype} and {nanosec.dtype}'
+            raise BagError(f'{STAMP} is of {kinds}; allowed int32 and uint32')
+        stamp_ns[rows] = sec.astype(np.int64) * NS_PER_S + nanosec
         for name, group in paths.items():
             table[name][rows] = np.stack([column(bytes_, layout, path) for path in group], axis=1)
     for name, numbers in table.items():
@@ -117,14 +119,7 @@ def build_columns(topic: BagTopic, payloads: list[bytes], zero_ns: int) -> Colum
             table[name] = quaternions_to_headings(*numbers.T)
         elif numbers.shape[1] == 1:
             table[name] = numbers[:, 0]
-    return table_type(topic.name)(stamp_ns, (stamp_ns - zero_ns) / NS_PER_S, **table)
-
-
-def _stamp_ns(bytes_, layout):
-    sec, nanosec = (column(bytes_, layout, f'{STAMP}.{part}') for part in ('sec', 'nanosec'))
-    if not (np.can_cast(sec.dtype, np.int32) and np.can_cast(nanosec.dtype, np.uint32)):
-        raise BagError(f'{STAMP} is of {sec.dtype} and {nanosec.dtype}; allowed int32 and uint32')
-    return sec.astype(np.int64) * NS_PER_S + nanosec
+    return Columns(stamp_ns, (stamp_ns - zero_ns) / NS_PER_S, **table)
 
 
 def column(bytes_: np.ndarray, layout: Layout, path: str) -> np.ndarray:

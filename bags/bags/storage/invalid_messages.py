@@ -23,15 +23,13 @@ from bags.storage.decoding import (
 )
 from bags.storage.read import LOCKSTEP, STATE, Bag, InvalidMessages, Recording
 from bags.storage.rosbag2_metadata import BagTopic
-from msgs_yaml import contract
+from msgs_yaml import conformance, contract
 from msgs_yaml.conversions import NS_PER_S
-from msgs_yaml.decode import UNIT_TOLERANCE
 
 KEY = 'invalid_messages'  # in JSON
 OBSTACLES = '/scenario/obstacles'
 OBJECTS = f'objects of {OBSTACLES}'
 JOINT_ARRAYS = ('position', 'velocity', 'effort')
-ORIENTATION = 'pose.pose.orientation'
 VEHICLE_TOPICS = ('/vehicle/odometry', '/vehicle/actuators', '/vehicle/imu', '/vehicle/wheels')
 # How much the delay from stamp to log time may differ from the median: a plant that was stopped
 # for minutes sends what it missed, and no other clock is as near by chance.
@@ -55,11 +53,21 @@ def drop_invalid(bag: Bag) -> Bag:
         values, reasons = _check(recorded)
         if name in VEHICLE_TOPICS:
             keep_twins = name == STATE and bag.run_info.get('mode') == LOCKSTEP
-            reasons |= _foreign(recorded, reasons, keep_twins)
+            # of those that obey the contract
+            rows = np.setdiff1d(np.arange(len(recorded.payloads)), list(reasons))
+            stamp_ns = header_stamps_ns(name, [recorded.payloads[row] for row in rows])
+            foreign = find_foreign_stamps(stamp_ns, recorded.log_ns[rows], keep_twins)
+            reasons |= {int(rows[k]): reason for k, reason in foreign}
         if values is not None:
             decoded[name] = [values[i] for i in range(len(values)) if i not in reasons]
         if reasons:
-            recordings[name] = _without(recorded, reasons)
+            kept = np.setdiff1d(np.arange(len(recorded.payloads)), list(reasons))
+            columns_ = (recorded.log_ns, recorded.publish_ns, recorded.sequence)
+            recordings[name] = Recording(
+                recorded.topic,
+                *(column[kept] for column in columns_),
+                [recorded.payloads[i] for i in kept],
+            )
             first = min(reasons)
             invalid[name] = InvalidMessages(len(reasons), f'message {first}: {reasons[first]}')
     return bag._replace(recordings=recordings, decoded=decoded, invalid=invalid, filtered=True)
@@ -92,32 +100,16 @@ def _check(recorded) -> tuple[list[Any] | None, dict[int, str]]:
     for i in np.flatnonzero(~valid).tolist():
         payload = payloads[i]
         if payload not in known:
-            known[payload] = _decode(topic, payload)
-        _, reason = known[payload]
-        if reason:
-            reasons[i] = reason
+            try:
+                known[payload] = decode_message(topic, payload), ''
+            except DECODE_ERRORS as error:
+                reason = str(error).removeprefix(f'{topic.name}: ') or type(error).__name__
+                known[payload] = None, reason
+        if known[payload][1]:
+            reasons[i] = known[payload][1]
     if valid.any():
         return None, reasons
     return [known[payload][0] for payload in payloads], reasons
-
-
-def _decode(topic, payload):
-    """Return the value of a message and '', or None and why it is invalid."""
-    try:
-        return decode_message(topic, payload), ''
-    except DECODE_ERRORS as error:
-        return None, str(error).removeprefix(f'{topic.name}: ') or type(error).__name__
-
-
-def _without(recorded: Recording, rows) -> Recording:
-    kept = np.setdiff1d(np.arange(len(recorded.payloads)), list(rows))
-    return Recording(
-        recorded.topic,
-        recorded.log_ns[kept],
-        recorded.publish_ns[kept],
-        recorded.sequence[kept],
-        [recorded.payloads[i] for i in kept],
-    )
 
 
 def obeys_contract(topic: BagTopic, payloads: list[bytes]) -> np.ndarray:
@@ -159,27 +151,14 @@ def _has_contract_form(known, layout):
 def _has_contract_ranges(known, bytes_, layout):
     sec, nanosec = (column(bytes_, layout, f'header.stamp.{part}') for part in ('sec', 'nanosec'))
     valid = (sec > 0) | (sec == 0) & (nanosec > 0)
-    for path, field in known.fields.items():
-        values = column(bytes_, layout, path)
-        valid &= (values >= field.low) & (values <= field.high)
+    valid &= conformance.obeys(
+        known.name, {path: column(bytes_, layout, path) for path in known.fields}
+    )
     # a JointState's unused entries, too, must be finite
     for path in layout.numbers if known.joints else ():
         if path.startswith(JOINT_ARRAYS):
             valid &= np.isfinite(column(bytes_, layout, path))
-    if f'{ORIENTATION}.w' in layout.numbers:
-        parts = [column(bytes_, layout, f'{ORIENTATION}.{axis}') for axis in 'xyzw']
-        valid &= np.abs(np.sum(np.square(parts), axis=0) - 1.0) <= UNIT_TOLERANCE
     return valid
-
-
-def _foreign(recorded, reasons, keep_twins):
-    """Return the reasons of foreign stamps among the messages that obey the contract."""
-    rows = np.setdiff1d(np.arange(len(recorded.payloads)), list(reasons))
-    if not rows.size:
-        return {}
-    stamp_ns = header_stamps_ns(recorded.topic.name, [recorded.payloads[row] for row in rows])
-    foreign = find_foreign_stamps(stamp_ns, recorded.log_ns[rows], keep_twins)
-    return {int(rows[k]): reason for k, reason in foreign}
 
 
 def find_foreign_stamps(
@@ -193,6 +172,8 @@ def find_foreign_stamps(
     as few as possible, so that the remaining stamps never decrease. With `keep_twins` samples
     whose stamp equals a remaining one stay.
     """
+    if not stamp_ns.size:
+        return
     delay_ns = log_ns - stamp_ns
     deviation_ns = delay_ns - np.median(delay_ns)
     near = np.flatnonzero(np.abs(deviation_ns) <= NEAR_NS)

@@ -75,16 +75,6 @@ def _number(file):
     return int(NUMBERED.fullmatch(file.name)['number'])
 
 
-class Message(NamedTuple):
-    """One recorded message; times in ns, `data` is CDR with its encapsulation header."""
-
-    channel: int
-    sequence: int  # the publisher's count, 0 where unknown
-    log_ns: int
-    publish_ns: int
-    data: bytes
-
-
 class Contents(NamedTuple):
     """The contents of one file; n messages in file order, of known channels only."""
 
@@ -99,17 +89,9 @@ class Contents(NamedTuple):
     nameless: int  # messages left out because no record defines their channel
     indexed: bool  # it has a summary
 
-    @property
-    def messages(self) -> list[Message]:
-        """Every message."""
-        columns = (self.channel, self.sequence, self.log_ns, self.publish_ns)
-        return [Message(*row) for row in zip(*(c.tolist() for c in columns), self.payloads)]
-
 
 _NONE = np.empty(0, dtype=np.int64)
-EMPTY_FILE = Contents(
-    {}, _NONE, _NONE, _NONE, _NONE, [], {}, (Damage(0, 'the file is empty'),), 0, False
-)
+EMPTY_FILE = Contents({}, *[_NONE] * 4, [], {}, (Damage(0, 'the file is empty'),), 0, False)
 
 
 def read_mcap(file: Path, whole: bool = True) -> Contents:
@@ -125,17 +107,14 @@ def read_mcap(file: Path, whole: bool = True) -> Contents:
         raise BagError(f'{file}: the file is empty')
     if not whole and not is_mcap(data):
         raise BagError(f'{file}: not a bag: it does not begin as an MCAP file')
-    return _collect(scan_records(data), whole)
-
-
-def _collect(items, whole):
-    gathering = _Gathering()
-    damage = []
-    for item in items:
+    gathering, damage = _Gathering(), []
+    for item in scan_records(data):
         if isinstance(item, Damage):
             damage.append(item)
         elif item.opcode == Opcode.CHUNK:
-            gathering.chunk(item.body, item.checked)
+            gathering.has_chunks = True
+            for opcode, begin, end in records_in_chunk(item.body):
+                gathering.record(opcode, item.body[begin:end], item.checked)
         # in a file with chunks, a message outside of them is another record with a damaged opcode
         elif item.opcode != Opcode.MESSAGE or not gathering.has_chunks:
             gathering.record(item.opcode, item.body, trusted=False)
@@ -152,31 +131,27 @@ class _Gathering:
         self.schemas, self.channels, self.trusted = {}, {}, set()
         self.heads, self.payloads, self.records = [], [], {}
 
-    def chunk(self, contents, trusted):
-        self.has_chunks = True
-        size = MESSAGE_HEADER.itemsize
-        for opcode, begin, end in records_in_chunk(contents):
-            if opcode != Opcode.MESSAGE:
-                self.record(opcode, contents[begin:end], trusted)
-            elif end - begin >= size:
-                self.heads.append(contents[begin : begin + size])
-                self.payloads.append(contents[begin + size : end])
-
     def record(self, opcode, body, trusted):
         self.indexed |= opcode == Opcode.STATISTICS
         if opcode == Opcode.MESSAGE and len(body) >= MESSAGE_HEADER.itemsize:
             self.heads.append(body[: MESSAGE_HEADER.itemsize])
             self.payloads.append(body[MESSAGE_HEADER.itemsize :])
-        record = _parse(opcode, body)
+            return
+        if opcode not in RECORDS:
+            return
+        stream = ReadDataStream(BytesIO(body))
+        try:
+            record = RECORDS[opcode].read(stream)
+        except (struct.error, UnicodeDecodeError, McapError):
+            return
+        if stream.count != len(body):
+            return
         if isinstance(record, Metadata):
             self.records.setdefault(record.name, record.metadata)
-        elif record is not None:
-            self.define(record, trusted)
-
-    def define(self, record, trusted):
-        """Keep a definition; one with a valid checksum has precedence."""
+            return
+        # a definition with a valid checksum has precedence
         kept = self.channels if isinstance(record, Channel) else self.schemas
-        key = type(record), record.id
+        key = opcode, record.id
         if record.id not in kept or (trusted and key not in self.trusted):
             kept[record.id] = record
             if trusted:
@@ -211,15 +186,3 @@ class _Gathering:
             nameless=len(known) - len(heads),
             indexed=self.indexed,
         )
-
-
-def _parse(opcode, body):
-    """Return a schema, channel or metadata record; None for others and for incomplete ones."""
-    if opcode not in RECORDS:
-        return None
-    stream = ReadDataStream(BytesIO(body))
-    try:
-        record = RECORDS[opcode].read(stream)
-    except (struct.error, UnicodeDecodeError, McapError):
-        return None
-    return record if stream.count == len(body) else None

@@ -17,9 +17,7 @@ from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
 RECORD_PREFIX = struct.Struct('<BQ')  # opcode, length of the body
-CHUNK_HEADER = struct.Struct(
-    '<QQQII'
-)  # of a chunk: first and last time, size, checksum, codec's length
+CHUNK_HEADER = struct.Struct('<QQQII')  # first and last time, size, checksum, codec's length
 SIZE = struct.Struct('<Q')  # of the compressed bytes
 CODEC = re.compile(rb'\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4')  # with its length before it
 CODEC_AT = RECORD_PREFIX.size + CHUNK_HEADER.size - 4  # where that length lies in a chunk record

@@ -96,17 +96,7 @@ def parse_definition(text: str, type_name: str) -> dict[str, tuple[Field, ...]]:
                 raise BagError(f'definition of {type_name}: {field.base} is not in it')
             if field.base == 'wstring':
                 raise BagError(f'definition of {type_name}: {field.name} has wide characters')
-    _refuse_recursion(types, type_name)
-    return types
 
-
-def _package(type_name):
-    if not TYPE.fullmatch(type_name):
-        raise BagError(f'{type_name!r} is no message type; allowed package/msg/Name')
-    return split_type(type_name)[0]
-
-
-def _refuse_recursion(types, type_name):
     done = set()
 
     def visit(name, above):
@@ -121,6 +111,13 @@ def _refuse_recursion(types, type_name):
             done.add(name)
 
     visit('', set())
+    return types
+
+
+def _package(type_name):
+    if not TYPE.fullmatch(type_name):
+        raise BagError(f'{type_name!r} is no message type; allowed package/msg/Name')
+    return split_type(type_name)[0]
 
 
 def _fields(text, package):

@@ -5,11 +5,13 @@ waits for an answer, nodes send the last message again; how often depends on the
 is filed once. In realtime the log time is the time of arrival.
 """
 
+import heapq
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from functools import partial
-from typing import Annotated, Any
+from itertools import count
+from typing import Annotated
 
 from bags.errors import BagError
 from bags.storage import cdr
@@ -31,6 +33,7 @@ LARGEST_WAIT = 500
 # arrive after later messages, at 3,300 messages per second of simulated time
 LARGEST_AHEAD = 30_000
 CLOCK = '/clock'  # simulated time, in lockstep
+NEXT = -1  # before every time
 # by how much times of arrival may decrease: DDS may deliver a repeated packet late
 SLACK_NS = 100_000_000
 
@@ -47,98 +50,70 @@ class RecorderParams(Struct):
 
 
 class SimulatedTime:
-    """The last time on /clock, and the messages that wait for the next one."""
+    """The last time on /clock, and the messages that wait for a later one."""
 
-    def __init__(self, listen: Callable[[], None] = lambda: None):
-        """`listen` calls `advance` for every message that has arrived on /clock."""
+    def __init__(self, arrived: Callable[[], Iterable[tuple]] = tuple):
+        """`arrived` takes messages of /clock from the middleware: the bytes come first in each."""
         self.now_ns: int | None = None  # None before the first /clock
         self.filed_ns = 0  # the latest log time of a message
-        self._listen = listen
-        self._waiting: list[Callable[[], None]] = []
-        self._ahead: list[tuple[int, Callable[[], None]]] = []
-        self._is_awaited = True
-
-    @property
-    def is_awaited(self) -> bool:
-        """Whether messages wait for the first /clock."""
-        return self.now_ns is None and self._is_awaited
+        self.is_awaited = True  # whether messages wait for the first /clock
+        self._arrived, self._heard = arrived, deque()
+        # (due, number, filing, message): filed when /clock reaches `due`, NEXT at any /clock
+        self._waiting: list[tuple[int, int, Filing, tuple]] = []
+        self._number = count()
 
     def advance(self, stamp_ns: int) -> None:
-        """Advance to a time on /clock; the time never decreases."""
-        self.now_ns = max(stamp_ns, self.now_ns or 0)
+        """Advance to a time on /clock, which never decreases."""
+        self.now_ns, self.is_awaited = max(stamp_ns, self.now_ns or 0), False
+
+    def take(self) -> Iterator[tuple]:
+        """Yield the messages of /clock, in the order of arrival, also those read before."""
+        self._heard.extend(self._arrived())
+        while self._heard:
+            yield self._heard.popleft()
 
     def is_ahead(self, stamp_ns: int) -> bool:
         """Return whether a stamp is ahead of the newest /clock by more than AHEAD_NS."""
         if self.now_ns is None or stamp_ns <= self.now_ns + AHEAD_NS:
             return False
-        self._listen()  # messages are taken topic by topic: a later /clock may have arrived
+        # messages are taken topic by topic: a later /clock may have arrived
+        for message in self._arrived():
+            self._heard.append(message)
+            with suppress(DecodeError):
+                self.advance(stamp_ns_of(message[0]))
         return stamp_ns > self.now_ns + AHEAD_NS
 
-    def defer(self, file: Callable[[], None]) -> None:
-        """File a message at the next /clock."""
-        self._waiting.append(file)
+    def defer(self, due_ns: int, filing: 'Filing', message: tuple) -> None:
+        """File a message when /clock reaches `due_ns`, or at the end of the recording."""
+        heapq.heappush(self._waiting, (due_ns, next(self._number), filing, message))
         if self.is_awaited and len(self._waiting) > LARGEST_WAIT:
-            self._is_awaited = False
+            self.is_awaited = False
             self.release()
-
-    def defer_until(self, stamp_ns: int, file: Callable[[], None]) -> None:
-        """File a message when /clock has come near its stamp, or at the end of the recording."""
-        self._ahead.append((stamp_ns, file))
-        if len(self._ahead) > LARGEST_AHEAD:
-            _, file = self._ahead.pop(0)
-            file()
+        while len(self._waiting) > LARGEST_AHEAD:
+            self._file_next()
 
     def release(self) -> None:
-        """File the waiting messages whose time has come, in the order of arrival."""
-        waiting, self._waiting = self._waiting, []
-        for file in waiting:
-            file()
-        if self._ahead and self.now_ns is not None:
-            reached = self.now_ns + AHEAD_NS
-            ahead, self._ahead = self._ahead, []
-            for stamp_ns, file in ahead:
-                if stamp_ns <= reached:
-                    file()
-                else:
-                    self._ahead.append((stamp_ns, file))
+        """File the messages whose time has come."""
+        until_ns = NEXT if self.now_ns is None else self.now_ns
+        while self._waiting and self._waiting[0][0] <= until_ns:
+            self._file_next()
+
+    def _file_next(self):
+        _, _, filing, message = heapq.heappop(self._waiting)
+        filing.file_now(*message)
 
     def end(self, fell_back: bool = False) -> int:
         """File all waiting messages: /clock has ended. Return how many messages are left out.
 
         Those are, where /clock `fell_back`, the messages whose stamps had fallen back before it.
         """
-        left_out = len(self._waiting) if fell_back else 0
-        if fell_back:
-            self._waiting = []
-        self.release()
-        ahead, self._ahead = self._ahead, []
-        for _, file in ahead:
-            file()
+        left_out = 0
+        while fell_back and self._waiting and self._waiting[0][0] == NEXT:
+            heapq.heappop(self._waiting)
+            left_out += 1
+        while self._waiting:
+            self._file_next()
         return left_out
-
-
-class ClockQueue:
-    """Messages of /clock in the order of arrival, also those whose time was read before."""
-
-    def __init__(
-        self, arrived: Callable[[], Iterable[tuple[bytes, Any]]], advance: Callable[[int], None]
-    ):
-        """`arrived` takes messages from the middleware: the bytes come first in each."""
-        self._arrived, self._advance = arrived, advance
-        self._queue = deque()
-
-    def listen(self) -> None:
-        """Read the time on /clock so far; its messages stay in the queue."""
-        for message in self._arrived():
-            self._queue.append(message)
-            with suppress(DecodeError):
-                self._advance(stamp_ns_of(message[0]))
-
-    def take(self) -> Iterator[tuple[bytes, Any]]:
-        """Yield the messages; `listen` may be called between two of them."""
-        self._queue.extend(self._arrived())
-        while self._queue:
-            yield self._queue.popleft()
 
 
 def bag_topics(contract: Contract, mode: str) -> list[BagTopic]:
@@ -148,18 +123,15 @@ def bag_topics(contract: Contract, mode: str) -> list[BagTopic]:
 
 def bag_topic(topic: Topic, mode: str) -> BagTopic:
     """Return a topic as a bag describes it; FileNotFoundError where its type is not installed."""
-    return BagTopic(
-        name=topic.name,
-        type=topic.type,
-        schema=schema_text(topic.type),
-        type_hash=type_hash(topic.type),
-        qos=_qos(topic.qos[mode]),
-    )
-
-
-def _qos(qos):
+    qos = topic.qos[mode]
     deadline_ns = None if qos.deadline_ms is None else round(qos.deadline_ms * 1e6)
-    return qos_text(qos.history, qos.depth, qos.reliability, qos.durability, deadline_ns)
+    return BagTopic(
+        topic.name,
+        topic.type,
+        schema_text(topic.type),
+        type_hash(topic.type),
+        qos_text(qos.history, qos.depth, qos.reliability, qos.durability, deadline_ns),
+    )
 
 
 class ClockError(BagError):
@@ -218,23 +190,33 @@ class Filing:
             self.counter.add(sequence)
             self._file(received_ns, data, source_ns, sequence)
             return
-        stamp_ns = self._stamp(data)
-        if self._topic.name == CLOCK:
-            self._tick(stamp_ns)
+        time, stamp_ns = self._time, None
+        if self._is_stamped:
+            with suppress(DecodeError):
+                stamp_ns = max(self._stamp_ns(data), 0)  # a bag has no times before 1970
+        is_clock = self._topic.name == CLOCK
+        if is_clock and stamp_ns is not None:
+            self._check(stamp_ns, 0, 'was the plant started again, or are there two?')
+            time.advance(stamp_ns)
+            time.release()
         if self._is_repeat(stamp_ns, data):
             self.pass_over()
             return
         self.counter.add(sequence)
-        file = partial(self._file_stamped, stamp_ns, data, source_ns, sequence)
-        if not self._is_stamped and self._time.now_ns is None:
-            self._time.defer_until(0, file)
-        elif self._must_wait(stamp_ns):
-            self._time.defer(file)
-        elif stamp_ns is not None and (self._follows(stamp_ns) or self._time.is_ahead(stamp_ns)):
+        message = stamp_ns, data, source_ns, sequence
+        falls_back = stamp_ns is not None and stamp_ns < self._last_log_ns
+        if not self._is_stamped and time.now_ns is None:
+            time.defer(0, self, message)
+        elif not is_clock and (time.is_awaited or (self._publishes_clock and falls_back)):
+            time.defer(NEXT, self, message)
+        elif stamp_ns is not None and (
+            # the order of a topic is kept
+            min(self._ahead_ns, default=stamp_ns + 1) <= stamp_ns or time.is_ahead(stamp_ns)
+        ):
             self._ahead_ns.append(stamp_ns)
-            self._time.defer_until(stamp_ns, partial(self._file_reached, stamp_ns, file))
+            time.defer(stamp_ns - AHEAD_NS, self, message)
         else:
-            file()
+            self.file_now(*message)
 
     def pass_over(self) -> None:
         """Leave a message out on purpose: the numbers of those after it have no gap."""
@@ -243,70 +225,36 @@ class Filing:
     def _is_repeat(self, stamp_ns, data):
         """Return whether a message is the one before, sent again; else it is the newest now."""
         newest_ns, newest = self._newest
-        if stamp_ns == newest_ns is not None and (data == newest or self._is_same(data, newest)):
-            return True
         self._newest = stamp_ns, data
-        return False
-
-    def _is_same(self, *messages):
-        """Return whether two messages have the same values: padding is what was in memory."""
+        if stamp_ns is None or stamp_ns != newest_ns:
+            return False
         try:
-            value, other = (cdr.decode(m, self._topic.schema, self._topic.type) for m in messages)
+            # padding is what was in memory
+            read = partial(cdr.decode, text=self._topic.schema, type_name=self._topic.type)
+            return data == newest or read(data) == read(newest)
         except BagError:
             return False
-        return value == other
 
-    def _follows(self, stamp_ns):
-        """Return whether an earlier message still waits: the order of a topic is kept."""
-        return bool(self._ahead_ns) and min(self._ahead_ns) <= stamp_ns
-
-    def _file_reached(self, stamp_ns, file):
-        self._ahead_ns.remove(stamp_ns)
-        file()
-
-    def _must_wait(self, stamp_ns):
-        """Return whether the log time of a message depends on the next /clock."""
-        if self._topic.name == CLOCK:
-            return False
-        falls_back = stamp_ns is not None and stamp_ns < self._last_log_ns
-        return self._time.is_awaited or (self._publishes_clock and falls_back)
-
-    def _stamp(self, data):
-        """Return the stamp, None without one; a bag has no times before 1970."""
-        if not self._is_stamped:
-            return None
-        try:
-            return max(self._stamp_ns(data), 0)
-        except DecodeError:
-            return None
-
-    def _tick(self, stamp_ns):
-        """Advance the time to a stamp of /clock."""
-        if stamp_ns is not None:
-            self._check(stamp_ns, 0, 'was the plant started again, or are there two?')
-            self._time.advance(stamp_ns)
-            self._time.release()
-
-    def _file_stamped(self, stamp_ns, data, source_ns, sequence):
-        log_ns = self._log_time(stamp_ns)
+    def file_now(self, stamp_ns: int | None, data: bytes, source_ns: int, sequence: int | None):
+        """File a message that waits for nothing any more; its stamp is None where it has none."""
+        time = self._time
+        if stamp_ns in self._ahead_ns:
+            self._ahead_ns.remove(stamp_ns)
+        if stamp_ns is None:
+            present_ns = time.now_ns or time.filed_ns
+            log_ns = self._last_log_ns if self._is_stamped else present_ns
+        elif time.is_ahead(stamp_ns):
+            log_ns = time.now_ns
+        else:
+            log_ns = max(stamp_ns, self._last_log_ns) if self._single_publisher else stamp_ns
+            # a stamp slightly ahead of /clock must not date the messages that follow it
+            now_ns = log_ns if time.now_ns is None else time.now_ns
+            self._last_log_ns = max(self._last_log_ns, min(log_ns, now_ns))
         if stamp_ns not in (None, log_ns):
             self.misdated += 1
             self.first_misdated = self.first_misdated or (stamp_ns, log_ns)
-        self._time.filed_ns = max(self._time.filed_ns, log_ns)
+        time.filed_ns = max(time.filed_ns, log_ns)
         self._file(log_ns, data, source_ns, sequence)
-
-    def _log_time(self, stamp_ns):
-        """Return the log time of a message."""
-        if stamp_ns is None:
-            present_ns = self._time.now_ns or self._time.filed_ns
-            return self._last_log_ns if self._is_stamped else present_ns
-        if self._time.is_ahead(stamp_ns):
-            return self._time.now_ns
-        log_ns = max(stamp_ns, self._last_log_ns) if self._single_publisher else stamp_ns
-        # a stamp slightly ahead of /clock must not date the messages that follow it
-        now_ns = log_ns if self._time.now_ns is None else self._time.now_ns
-        self._last_log_ns = max(self._last_log_ns, min(log_ns, now_ns))
-        return log_ns
 
     def _file(self, log_ns, data, source_ns, sequence):
         self._write(log_ns, source_ns or log_ns, data, sequence or 0)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bags.errors import BagError, DamagedBagWarning
-from bags.storage.columns import TOPICS, Columns, Values
+from bags.storage.columns import TOPICS, Columns
 from bags.storage.decoding import (
     DECODE_ERRORS,
     DECODERS,
@@ -176,22 +176,20 @@ def _by_topic(path, contents):
         for channel, topic in file.topics.items():
             channels.setdefault(topic.name, []).append(channel)
         for name, numbers in channels.items():
-            topics = [file.topics[number] for number in numbers]
             rows = np.flatnonzero(np.isin(file.channel, numbers))
-            parts.setdefault(name, []).append((topics, file, rows))
-    return {name: _recording(path, each) for name, each in parts.items()}
-
-
-def _recording(path, parts):
-    described = [topic for topics, _, _ in parts for topic in topics]
-    if len({topic.type for topic in described}) > 1:
-        raise BagError(f'{path}: {described[0].name} has messages of two types')
-    times = (
-        np.concatenate([getattr(file, name)[rows] for _, file, rows in parts])
-        for name in ('log_ns', 'publish_ns', 'sequence')
-    )
-    payloads = [data for _, file, rows in parts for data in map(file.payloads.__getitem__, rows)]
-    return Recording(described[-1], *times, payloads)
+            parts.setdefault(name, []).append(([file.topics[n] for n in numbers], file, rows))
+    recordings = {}
+    for name, each in parts.items():
+        described = [topic for topics, _, _ in each for topic in topics]
+        if len({topic.type for topic in described}) > 1:
+            raise BagError(f'{path}: {name} has messages of two types')
+        times = (
+            np.concatenate([getattr(file, column)[rows] for _, file, rows in each])
+            for column in ('log_ns', 'publish_ns', 'sequence')
+        )
+        payloads = [data for _, file, rows in each for data in map(file.payloads.__getitem__, rows)]
+        recordings[name] = Recording(described[-1], *times, payloads)
+    return recordings
 
 
 def _zero_ns(bag):
@@ -206,7 +204,9 @@ def _zero_ns(bag):
 
 def _table(bag, name, zero_ns):
     recorded = recording(bag, name)
-    payloads = _drop_repeats(recorded.payloads)
+    # without those that repeat the one before
+    pairs = zip(recorded.payloads, [None, *recorded.payloads])
+    payloads = [payload for payload, before in pairs if payload != before]
     if name in TOPICS:
         try:
             return build_columns(recorded.topic, payloads, zero_ns)
@@ -214,12 +214,7 @@ def _table(bag, name, zero_ns):
             raise BagError(f'{bag.path}: {name}: {error}') from error
     decoded = _decoded(bag, recorded.topic, payloads)
     stamp_ns = np.array([getattr(value, 'stamp_ns', value) for value in decoded], dtype=np.int64)
-    return Values(stamp_ns, (stamp_ns - zero_ns) / NS_PER_S, tuple(decoded))
-
-
-def _drop_repeats(payloads):
-    """Return the messages that differ from the one before."""
-    return [p for p, before in zip(payloads, [None, *payloads]) if p != before]
+    return Columns(stamp_ns, (stamp_ns - zero_ns) / NS_PER_S, values=tuple(decoded))
 
 
 def _decoded(bag, topic, payloads):

@@ -5,6 +5,7 @@ one is kept under another name. Chunks count when their checksum agrees; of a ch
 off, everything that can be decompressed.
 """
 
+import itertools
 import os
 import shutil
 from collections import Counter
@@ -16,7 +17,7 @@ import yaml
 
 from bags.errors import BagError
 from bags.storage.bag_writer import INFORMATION, METADATA, McapFile, mcap_name, write_metadata
-from bags.storage.mcap_reader import EMPTY_FILE, Contents, mcap_files, missing_before, read_mcap
+from bags.storage.mcap_reader import EMPTY_FILE, mcap_files, missing_before, read_mcap
 from bags.storage.mcap_scan import Damage
 from bags.storage.rosbag2_metadata import YAML_ERRORS, FileFacts, Span, build_metadata
 from msgs_yaml.conversions import NS_PER_S
@@ -91,9 +92,8 @@ def _repair_file(file, contents, described):
     times = contents.log_ns if len(contents.log_ns) else np.zeros(1, dtype=np.int64)
     counts = Counter(contents.topics[channel].name for channel in contents.channel.tolist())
     span = Span(len(contents.payloads), int(times.min()), int(times.max()))
-    return FileRepair(
-        file, kept, contents.damage, FileFacts(file.name, span, counts), contents.nameless
-    )
+    facts = FileFacts(file.name, span, counts)
+    return FileRepair(file, kept, contents.damage, facts, contents.nameless)
 
 
 def _replace(file, contents, described):
@@ -101,39 +101,30 @@ def _replace(file, contents, described):
     draft = file.with_name(file.name + DRAFT)
     try:
         draft.unlink(missing_ok=True)
-        _write(draft, file.name, contents, described)
-        kept = _unused(file.with_name(file.name + KEPT))
-        _second_name(file, kept)
+        topics = list(contents.topics.values()) or described
+        records = {key: values for key, values in contents.records.items() if key != 'rosbag2'}
+        new = McapFile(draft, topics, records, file.name)
+        index = {channel: i for i, channel in enumerate(contents.topics)}
+        columns = (contents.channel, contents.log_ns, contents.publish_ns, contents.sequence)
+        rows = zip(*(column.tolist() for column in columns), contents.payloads)
+        for channel, log_ns, publish_ns, sequence, data in rows:
+            new.write(index[channel], log_ns, publish_ns, data, sequence)
+        new.close({})
+        # an earlier repair may have left a file there
+        names = (
+            f'{file.name}{KEPT}{number or ""}'
+            for number in itertools.chain([0], itertools.count(2))
+        )
+        kept = next(path for path in map(file.with_name, names) if not path.exists())
+        try:
+            os.link(file, kept)
+        except OSError:  # a file system without hard links
+            shutil.copy2(file, kept)
         os.replace(draft, file)
     except (OSError, BagError) as error:
         draft.unlink(missing_ok=True)
         raise BagError(f'{file}: cannot be repaired: {error}; it is unchanged') from error
     return kept
-
-
-def _write(draft, name, contents: Contents, described):
-    index = {channel: i for i, channel in enumerate(contents.topics)}
-    records = {key: values for key, values in contents.records.items() if key != 'rosbag2'}
-    new = McapFile(draft, list(contents.topics.values()) or described, records, name)
-    for channel, sequence, log_ns, publish_ns, data in contents.messages:
-        new.write(index[channel], log_ns, publish_ns, data, sequence)
-    new.close({})
-
-
-def _unused(path):
-    """Return `path`, with a number appended when an earlier repair left a file there."""
-    number, free = 1, path
-    while free.exists():
-        number += 1
-        free = path.with_name(f'{path.name}{number}')
-    return free
-
-
-def _second_name(file, kept):
-    try:
-        os.link(file, kept)
-    except OSError:  # a file system without hard links
-        shutil.copy2(file, kept)
 
 
 def _complete_folder(folder, information, is_bag):

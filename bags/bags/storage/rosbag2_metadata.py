@@ -65,17 +65,36 @@ def qos_text(history, depth, reliability, durability, deadline_ns=None) -> str:
     )
 
 
+# rmw/types.h gives them these numbers, which older bags have; else whatever the middleware takes
+_WORDS = {
+    'history': {1: 'keep_last', 2: 'keep_all'},
+    'reliability': {1: 'reliable', 2: 'best_effort'},
+    'durability': {1: 'transient_local', 2: 'volatile'},
+}
+
+
 def parse_qos(text: str) -> list[dict]:
     """Return the QoS profiles in the text of a bag; numbers of older bags become words.
 
-    Empty for an invalid text: a bag may lack QoS.
+    Empty for an invalid text: a bag may lack QoS. A deadline is None where it is infinite, unset or
+    invalid.
     """
-    return [
-        {name: _word(profile.get(name), words) for name, words in _WORDS.items()}
-        | {'depth': profile.get('depth'), 'deadline_ns': _ns(profile.get('deadline'))}
-        for profile in _profiles(text)
-        if isinstance(profile, dict)
-    ]
+    profiles = []
+    for profile in _profiles(text):
+        if not isinstance(profile, dict):
+            continue
+        parsed = {'depth': profile.get('depth'), 'deadline_ns': None}
+        for name, words in _WORDS.items():
+            value = profile.get(name)
+            is_number = isinstance(value, int)
+            parsed[name] = (
+                words.get(value) if is_number else value if value in words.values() else None
+            )
+        match profile.get('deadline'):
+            case {'sec': int(sec), 'nsec': int(nsec)} if 0 < sec * NS_PER_S + nsec < INFINITE_NS:
+                parsed['deadline_ns'] = sec * NS_PER_S + nsec
+        profiles.append(parsed)
+    return profiles
 
 
 def _profiles(text):
@@ -87,28 +106,6 @@ def _profiles(text):
     except YAML_ERRORS:
         return []
     return profiles if isinstance(profiles, list) else []
-
-
-# rmw/types.h gives them these numbers; None: whatever the middleware takes
-_WORDS = {
-    'history': {1: 'keep_last', 2: 'keep_all'},
-    'reliability': {1: 'reliable', 2: 'best_effort'},
-    'durability': {1: 'transient_local', 2: 'volatile'},
-}
-
-
-def _word(value, words):
-    if isinstance(value, int):
-        return words.get(value)
-    return value if value in words.values() else None
-
-
-def _ns(duration):
-    """Return a duration in ns, None where it is infinite, unset or invalid."""
-    match duration:
-        case {'sec': int(sec), 'nsec': int(nsec)} if 0 < sec * NS_PER_S + nsec < INFINITE_NS:
-            return sec * NS_PER_S + nsec
-    return None
 
 
 def build_metadata(topics: Sequence[BagTopic], files: Sequence[FileFacts]) -> dict:

@@ -11,7 +11,7 @@ import numpy as np
 
 from bags.evaluation import geometry
 from bags.evaluation.controller_log import CandidateLine, candidate_lines, report_number
-from bags.figures import style
+from bags.figures import scene, style
 from msgs_yaml.types import Obstacle, Prediction, Reference, RoadEdges, VehicleState
 from node_runtime.parameters import Range, Struct
 
@@ -26,6 +26,13 @@ GREY = (0.35, 0.4, 0.45, 0.75)
 GREEN, RED = np.array([0.1, 0.65, 0.3]), np.array([0.8, 0.15, 0.1])
 SLOW, FAST = np.array([0.85, 0.25, 0.1]), np.array([0.1, 0.45, 0.85])
 SPEED_SPAN_MPS = 5.0  # range of speeds that the colours cover
+# by kind of a shape: namespace, colour, and height [m] of the disc; colour of the line
+DISCS = {
+    'circle': ('circle', style.KNOWN['mpcc'], 2 * FLAT_M),
+    'touch': ('collision', style.COLLISION, 2 * FLAT_M),
+    'unsafe': ('unsafe', style.UNSAFE, FLAT_M),
+}
+LINES = {'edge': style.EDGE, 'limit': style.UNSAFE}
 
 Overhang = Annotated[float, Range(0.5, 10.0, 'm')]
 Distance = Annotated[float, Range(0.0, 10.0, 'm')]
@@ -75,27 +82,26 @@ def vehicle_shapes(
 ) -> list[Shape]:
     """Return the car with its true outline, and a bar of the friction use F / (mu F_z) per axle."""
     edge = geometry.Outline(outline.front_m, outline.rear_m, outline.width_m)
-    corners = geometry.outline_corners(state.X, state.Y, state.psi, edge)
-    middle = (outline.front_m - outline.rear_m) / 2
+    pose = state.X, state.Y, state.psi
+    (corners,) = (shape.points for shape in scene.car_shapes(*pose, edge))
     size = (outline.front_m + outline.rear_m, outline.width_m, CAR_HEIGHT_M)
-    X, Y = _ahead(state, middle)
+    X, Y = _ahead(state, (outline.front_m - outline.rear_m) / 2)
     shapes = [
         _shape('body', 0, BOX, (X, Y, CAR_HEIGHT_M / 2), size, GREY, yaw=state.psi),
         _line('outline', 0, np.concatenate([corners, corners[:1]]), _rgba(style.KNOWN['mpcc'])),
     ]
     length, width, full = BAR_M
-    for k, axle in enumerate(AXLES):
+    for k, (axle, ahead) in enumerate(zip(AXLES, (outline.front_m / 2, -outline.rear_m / 2))):
         if axle in friction_use:
             use = min(max(friction_use[axle], 0.0), 1.0)
             height = max(use * full, FLAT_M)
-            X, Y = _ahead(state, outline.front_m / 2 if axle == 'front' else -outline.rear_m / 2)
-            at = (X, Y, CAR_HEIGHT_M + height / 2)
-            colour = (*_mix(GREEN, RED, use), 0.95)
+            X, Y = _ahead(state, ahead)
+            at, above = (X, Y, CAR_HEIGHT_M + height / 2), (X, Y, CAR_HEIGHT_M + height + LETTER_M)
+            look = (*_mix(GREEN, RED, use), 0.95)
             size = (length, width, height)
-            shapes.append(_shape('friction', k, BOX, at, size, colour, yaw=state.psi))
-            at = (X, Y, CAR_HEIGHT_M + height + LETTER_M)
+            shapes.append(_shape('friction', k, BOX, at, size, look, yaw=state.psi))
             text = f'{axle} {use:.2f}'
-            shapes.append(_shape('use', k, TEXT, at, (LETTER_M,) * 3, colour, text=text))
+            shapes.append(_shape('use', k, TEXT, above, (LETTER_M,) * 3, look, text=text))
     return shapes
 
 
@@ -109,24 +115,22 @@ def safety_shapes(
 
     As in the figures: the centre of a car's circle must stay out of the areas that are shown.
     """
-    radius = distances.circle_radius_m
-    circle = _rgba(style.KNOWN['mpcc'], 0.3)
-    shapes = [
-        _disc('circle', k, _ahead(state, ahead), radius, circle, 2 * FLAT_M)
-        for k, ahead in enumerate(distances.circle_offsets_m)
-    ]
-    for obstacle in obstacles:
-        number, centre, reach = obstacle.id, (obstacle.X, obstacle.Y), obstacle.r_obs + radius
-        touch, unsafe = _rgba(style.COLLISION, 0.3), _rgba(style.UNSAFE, 0.3)
-        shapes.append(_disc('collision', number, centre, reach, touch, 2 * FLAT_M))
-        reach += distances.obstacle_m
-        shapes.append(_disc('unsafe', number, centre, reach, unsafe, FLAT_M))
+    own = distances.circle_radius_m
+    pose, nothing = (state.X, state.Y, state.psi), geometry.Outline(0.0, 0.0, 0.0)
+    seen = scene.car_shapes(*pose, nothing, distances.circle_offsets_m, own)
+    for item in obstacles:
+        centre = item.X, item.Y
+        seen += scene.obstacle_shapes(item.id, centre, item.r_obs, own, distances.obstacle_m)
     if edges is not None:
-        keep_off = radius + distances.edge_m
-        for k, (line, inside) in enumerate(((edges.left, -1.0), (edges.right, 1.0))):
-            shapes.append(_line('edge', k, line, _rgba(style.EDGE)))
-            limit = geometry.offset_polyline(line, inside * keep_off)
-            shapes.append(_line('limit', k, limit, _rgba(style.UNSAFE)))
+        seen += scene.road_shapes(edges.left, edges.right, own + distances.edge_m)
+    shapes = []
+    for shape in seen:
+        if shape.kind in DISCS:
+            ns, colour, height = DISCS[shape.kind]
+            at, size = (*shape.points, height / 2), (2 * shape.radius, 2 * shape.radius, height)
+            shapes.append(_shape(ns, shape.number, DISC, at, size, _rgba(colour, 0.3)))
+        elif shape.kind in LINES:
+            shapes.append(_line(shape.kind, shape.number, shape.points, _rgba(LINES[shape.kind])))
     return shapes
 
 
@@ -178,11 +182,6 @@ def _rgba(hex_colour: str, opacity=1.0):
     digits = hex_colour.lstrip('#')
     red, green, blue = (int(digits[k : k + 2], 16) / 255 for k in (0, 2, 4))
     return (red, green, blue, opacity)
-
-
-def _disc(ns, number, centre, radius, colour, height):
-    size = (2 * radius, 2 * radius, height)
-    return _shape(ns, number, DISC, (*centre, height / 2), size, colour)
 
 
 def _line(ns, number, points, colour):

@@ -5,7 +5,7 @@ import inspect
 import types
 import typing
 
-from node_runtime import typed_yaml
+from msgs_yaml import strict_yaml
 from reference_pages.markdown import code, table, text
 from scenario_publisher import schema
 
@@ -20,10 +20,10 @@ def page(root: type = schema.File) -> str:
         'them, with a complete example.',
     ]
     for name, cls in blocks(root).items():
-        allowed_default = typed_yaml.defaults(cls)
+        allowed_default = strict_yaml.defaults(cls)
         rows = [
             (code(key), _kind(hint), _default(allowed_default, key))
-            for key, hint in typed_yaml.field_types(cls).items()
+            for key, hint in strict_yaml.field_types(cls).items()
         ]
         about = inspect.getdoc(cls) or ''
         if about.startswith(f'{cls.__name__}('):  # of a dataclass without one
@@ -40,7 +40,7 @@ def blocks(root: type) -> dict[str, type]:
         if cls.__name__ in found:
             continue
         found[cls.__name__] = cls
-        for hint in typed_yaml.field_types(cls).values():
+        for hint in strict_yaml.field_types(cls).values():
             waiting += [leaf for leaf in _leaves(hint) if dataclasses.is_dataclass(leaf)]
     return found
 
@@ -66,7 +66,7 @@ def _kind(hint):
         return f'list of {_kind(arguments[0])}'
     if origin is tuple:
         return f'[{", ".join(map(_kind, arguments))}]'.replace('[', r'\[', 1)
-    allowed = typed_yaml.describe_allowed(hint)
+    allowed = strict_yaml.describe_allowed(hint)
     return text(allowed or getattr(hint, '__name__', str(hint)))
 
 

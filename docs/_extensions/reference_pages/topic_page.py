@@ -9,7 +9,11 @@ def page(loaded: Contract | None = None) -> str:
     """Return the page."""
     loaded = loaded or contract.load()
     topics, derived = loaded.topics.values(), loaded.derived.values()
-    profiles = {qos.name: qos for topic in (*topics, *derived) for qos in topic.qos.values()}
+    profiles = {
+        name: topic.qos[mode]
+        for topic in (*topics, *derived)
+        for mode, name in topic.profiles.items()
+    }
     parts = [
         '# Topics',
         'Written from `msgs_yaml/topics.yaml`, from which nodes take type, quality of service and '
@@ -22,7 +26,7 @@ def page(loaded: Contract | None = None) -> str:
         '## Quality of service',
         table(
             ('profile', 'reliability', 'durability', 'history', 'depth', 'deadline [ms]'),
-            map(_profile, profiles.values()),
+            (_profile(name, qos) for name, qos in profiles.items()),
         ),
         *(_section(topic) for topic in topics),
         '## Derived topics',
@@ -38,14 +42,14 @@ def _overview(topic: Topic):
     return code(topic.name), code(topic.type), code(topic.publisher), *rates, code(topic.frame)
 
 
-def _profile(qos: Qos):
+def _profile(name: str, qos: Qos):
     depth = str(qos.depth) if qos.depth else 'all'
     deadline = number(qos.deadline_ms) if qos.deadline_ms is not None else ''
-    return code(qos.name), qos.reliability, qos.durability, qos.history, depth, deadline
+    return code(name), qos.reliability, qos.durability, qos.history, depth, deadline
 
 
 def _section(topic: Topic, level: int = 2):
-    qos = ', '.join(f'{mode}: `{topic.qos[mode].name}`' for mode in MODES)
+    qos = ', '.join(f'{mode}: `{topic.profiles[mode]}`' for mode in MODES)
     parts = [f'{"#" * level} `{topic.name}`', text(topic.meaning), f'`{topic.type}`; {qos}']
     if topic.child_frame:
         parts[-1] += f'; child frame `{topic.child_frame}`'

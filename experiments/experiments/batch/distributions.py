@@ -11,13 +11,13 @@ are those of a sample of n. A number of draws that is a power of two fills every
 other numbers lose that balance, not the uniformity.
 """
 
-import math
 import warnings
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
-from msgs_yaml.strict_yaml import Item, closest
+from msgs_yaml.strict_yaml import Item, Range, closest, parse_value
 
+PAIR = tuple[(Annotated[float, Range(-1e300, 1e300, '-')],) * 2]
 MAX_DRAWS = 2**30  # distinct points that 30 bits can tell apart
 
 
@@ -142,19 +142,8 @@ def _between(value, ends):
     return min(max(value, ends.low), ends.high)
 
 
-def _pair(item):
-    elements = item.elements()
-    if len(elements) != 2:
-        raise item.error(f'has {len(elements)} values; allowed exactly 2')
-    values = tuple(element.number() for element in elements)
-    for element, value in zip(elements, values):
-        if not math.isfinite(value):
-            raise element.error(f'is {value}; allowed finite numbers')
-    return values
-
-
 def _interval(item):
-    low, high = _pair(item)
+    low, high = parse_value(PAIR, item)
     if not low < high:
         raise item.error(f'is from {low:g} to {high:g}; allowed [low, high] with low < high')
     return low, high
@@ -172,7 +161,7 @@ def _parse_log_uniform(_, members):
 
 
 def _parse_normal(item, members):
-    mean, sd = _pair(members['normal'])
+    mean, sd = parse_value(PAIR, members['normal'])
     if sd <= 0.0:
         raise members['normal'].error(f'has the standard deviation {sd:g}; allowed above 0')
     if 'within' not in members:

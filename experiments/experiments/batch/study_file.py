@@ -26,9 +26,8 @@ from experiments.batch.distributions import MAX_DRAWS, Distribution
 from experiments.batch.run_spec import MAX_RUNS, SEED
 from experiments.configuration.inputs import PLANT_CAR
 from experiments.simulation import PLANT_SETTINGS
-from msgs_yaml.strict_yaml import Item, YamlError, closest, read
+from msgs_yaml.strict_yaml import Item, Pattern, YamlError, closest, parse_value, read
 from node_runtime.parameters import SPEED, Range
-from node_runtime.typed_yaml import Pattern, parse_value
 from scenario_publisher import schema
 from scenario_publisher.families.draw import FAMILIES, NOMINAL
 

@@ -1,8 +1,8 @@
-"""Compile the plant and controllers into the cache, so that they start without a C compiler.
+"""Compile the plant and controllers into the cache, ahead of their first drive.
 
 The cache is the folder $MPCC_CACHE_DIR, else mpcc in $XDG_CACHE_HOME, else ~/.cache/mpcc. What is
-there is not compiled again. It serves this machine and others with the same processor, the same
-version of CasADi and the same sources, whether or not they have a compiler.
+there is not compiled again. It serves this machine and others with the same processor, compiler,
+version of CasADi and sources.
 """
 
 import argparse

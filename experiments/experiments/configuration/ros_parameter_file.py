@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 from bags.errors import BagError
 from experiments.configuration.node_config import ROLES
 from msgs_yaml.strict_yaml import Item, YamlError, closest, read
-from node_runtime.parameters import value_of
 
 EVERY_NODE, ANY_NAMESPACE = '/**', '/**/'
 PARAMETERS = 'ros__parameters'
@@ -43,7 +42,7 @@ def _read_file(path, namespace, collected):
         leaves = dict(_leaves(parameters, ''))
         for role in roles:
             values, sources = (by_role.setdefault(role, {}) for by_role in collected)
-            values.update({name: value_of(leaf) for name, leaf in leaves.items()})
+            values.update({name: leaf.value_or_empty() for name, leaf in leaves.items()})
             sources.update({name: f'{path}:{leaf.line}' for name, leaf in leaves.items()})
 
 

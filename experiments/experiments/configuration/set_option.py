@@ -5,10 +5,7 @@ may be left out; `weights.<term>=<factor>` scales the weight of one cost term of
 """
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
-
-import yaml
 
 from bags.errors import BagError
 from experiments.configuration import node_config
@@ -32,12 +29,11 @@ def parse_value(setting: str, text: str, option: str = '--set ') -> Any:
 
     Raises BagError, which names the setting after `option`, for text that is no YAML value.
     """
+    if not text.strip():
+        return strict_yaml.EMPTY
     try:
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
-        if node is None:
-            return parameters.EMPTY
-        return parameters.value_of(strict_yaml.Item(Path(option.strip()), setting, node))
-    except (yaml.YAMLError, strict_yaml.YamlError):
+        return strict_yaml.parse(text, option.strip()).value_or_empty()
+    except strict_yaml.YamlError:
         raise BagError(f'{option}{setting}: {text!r} is no value') from None
 
 

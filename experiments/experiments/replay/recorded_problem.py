@@ -10,7 +10,7 @@ from bags.errors import BagError
 from experiments.replay.recorded_ticks import Tick
 from experiments.replay.replayed_controller import ReplayedController
 from mpcc_controller.driving import fallback, setpoints
-from mpcc_controller.driving.planner import Planner
+from mpcc_controller.driving.parts import Parts
 from mpcc_controller.driving.prediction_model import PredictionModel, TickProblem
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.model.single_track import Input, State
@@ -101,7 +101,7 @@ class Solved(NamedTuple):
 class Problem:
     """One problem with its solver."""
 
-    planner: Planner
+    parts: Parts
     vehicle: CarParams
     tick_problem: TickProblem
     stamp_ns: int
@@ -109,7 +109,7 @@ class Problem:
     @property
     def prediction(self) -> PredictionModel:
         """What its plans are made with."""
-        return self.planner.prediction
+        return self.parts.model
 
     @property
     def weights(self) -> dict[str, float]:
@@ -128,19 +128,22 @@ class Problem:
                 'model.horizon and model.step_s cannot be changed in one tick: its first guess is '
                 'the plan of the tick before'
             )
-        planner = self._make_planner(params, vehicle)
+        parts = Parts(params, vehicle, False, self.parts.clock)
         guess = self.tick_problem.guess_map
         if params.formulation.name != self.prediction.params.formulation.name:
             guess = guess._replace(multipliers=None)  # of other constraints
         before = self.tick_problem
-        problem = planner.prediction.build_problem(before.x0, before.scene, guess, before.sliding)
-        return Problem(planner, vehicle, problem, self.stamp_ns)
+        share = before.car.mu_f / self.prediction.car.mu_f  # of the friction, as it was believed
+        believed = share * self.prediction.params.model.friction
+        car = parts.model.car_on(min(believed, params.model.friction))
+        problem = parts.model.build_problem(before.x0, before.scene, guess, car, before.sliding)
+        return Problem(parts, vehicle, problem, self.stamp_ns)
 
     def with_tolerance(self, tolerance: float) -> 'Problem':
         """Return the same problem with another tolerance of the solver."""
         params = self.prediction.params
         params = replace(params, solver=replace(params.solver, tolerance=tolerance))
-        return replace(self, planner=self._make_planner(params, self.vehicle))
+        return replace(self, parts=Parts(params, self.vehicle, False, self.parts.clock))
 
     def scale_weights(self, factors: Mapping[str, float]) -> 'Problem':
         """Return the same problem with some weights multiplied.
@@ -169,22 +172,14 @@ class Problem:
         problem = self.tick_problem._replace(guess_map=solved.plan, guess_local=local)
         return replace(self, tick_problem=problem)
 
-    def _make_planner(self, params, vehicle):
-        planner = Planner(params, vehicle, limit_time=False, clock=self.planner.clock)
-        if params.friction_estimate.on:  # what was believed in this tick
-            planner.prediction.believe(min(self.prediction.friction, params.model.friction))
-        return planner
-
     def _to_local(self, plan):
         return self.prediction.formulation.to_local(plan, self.tick_problem.scene.path)
 
     def solve(self) -> Solved:
-        """Solve it, with the second solver where the first one fails, and evaluate the plan."""
-        rules = self.prediction.params.fallback
-        first, second = self.planner.solvers.solve(self.tick_problem)
-        if second is not None and not fallback.rejection_reason(second, rules):
-            return self._evaluate(second, fallback.SECOND_SOLVER)
-        return self._evaluate(first, fallback.rejection_reason(first, rules) or first.status)
+        """Solve it, and evaluate the plan."""
+        solution = self.parts.solvers.solve(self.tick_problem)
+        rejection = fallback.rejection_reason(solution, self.prediction.params.fallback)
+        return self._evaluate(solution, rejection or solution.status)
 
     def _evaluate(self, solution: Solution, level: str) -> Solved:
         params, plan = self.prediction.params, solution.plan
@@ -212,7 +207,7 @@ class Problem:
     def _command(self, plan) -> Command:
         params, car, x0 = (
             self.prediction.params,
-            self.prediction.car,
+            self.tick_problem.car,
             self.tick_problem.x0,
         )
         target = setpoints.target_of_plan(plan, car, params.limits)
@@ -263,12 +258,13 @@ def pose(controller: ReplayedController, tick: Tick) -> Problem:
 
     Raises BagError when none was: the controller braked without calling a solver.
     """
-    planner = controller.controller.planner
-    before = planner.last_problem
+    before = controller.controller.memory.solved
     _, _, why = controller.step(tick.inputs, tick.stamp_ns)
-    if planner.last_problem is before:
+    solved = controller.controller.memory.solved
+    if solved is None or solved is before:
         raise BagError(f'tick {tick.number}: no problem was solved: {why.message}')
-    return Problem(planner, controller.vehicle, planner.last_problem, tick.stamp_ns)
+    parts = controller.controller.parts
+    return Problem(parts, controller.vehicle, solved.problem, tick.stamp_ns)
 
 
 def find_active_limits(group: LimitGroup) -> Iterator[ActiveLimit]:

@@ -98,8 +98,8 @@ def recorded_params(
     """Return the parameters of a recorded controller, changed by `settings`; see `from_run_info`.
 
     A `car_file` in the settings replaces the car of the run; settings of single parameters of the
-    car override it. A parameter that is newer than the run takes today's default, with an
-    OlderRunWarning that names it.
+    car override it. A parameter that is newer than the run takes today's default, one that is gone
+    since is left out, both with an OlderRunWarning that names it.
     """
     try:
         recorded = json.loads(run_info['parameters'])[ROLE]
@@ -112,10 +112,12 @@ def recorded_params(
     def source(key):
         return '--set' if key in settings else f'{name}: parameters of the controller'
 
-    given = {k: value for k, value in recorded.items() if k not in node_parameters.MANAGED}
-    given = _newer_defaults(recorded, name) | given | _other_car(settings) | settings
     classes = (ControllerParams, CarParams)
     known = [parameters.leaves(cls) for cls in classes]
+    given = {k: value for k, value in recorded.items() if k not in node_parameters.MANAGED}
+    gone = {key: given.pop(key) for key in [*given] if not any(key in own for own in known)}
+    _warn_of(name, 'has parameters of its controller that are gone; left out', gone)
+    given = _newer_defaults(recorded, name) | given | _other_car(settings) | settings
     try:
         params, vehicle = [
             parameters.build(cls, {k: v for k, v in given.items() if k in own}, source)
@@ -154,12 +156,11 @@ def _newer_defaults(recorded, name):
     path = share.path('mpcc_controller', 'config', f'{recorded.get(FORMULATION, DEFAULT)}.yaml')
     today = parameters.read_file(path).values
     newer = {key: value for key, value in today.items() if key not in recorded}
-    if newer:
-        values = ', '.join(f'{key} = {value}' for key, value in newer.items())
-        warnings.warn(
-            f'{name}: the run does not say all parameters of its controller, which is newer; '
-            f'assumed: {values}',
-            OlderRunWarning,
-            stacklevel=2,
-        )
+    _warn_of(name, 'does not say all parameters of its controller, which is newer; assumed', newer)
     return newer
+
+
+def _warn_of(name, what, values):
+    if values:
+        listed = ', '.join(f'{key} = {value}' for key, value in values.items())
+        warnings.warn(f'{name}: the run {what}: {listed}', OlderRunWarning, stacklevel=3)

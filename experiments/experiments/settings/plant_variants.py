@@ -104,7 +104,7 @@ def digest(car: str) -> str:
 def build(variant: Variant) -> Plant:
     """Return a plant with its limit and the car file identified on it, from the cache or new.
 
-    Raises CircleError and ServoLagError for a car that cannot drive the manoeuvres.
+    Raises CircleError and RefusedError for a car that cannot drive the manoeuvres.
     """
     settings = plant_settings(variant)
     plant = _with_settings(_load(variant.car), settings)

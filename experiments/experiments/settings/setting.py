@@ -11,7 +11,7 @@ from experiments.settings import course, plant_variants
 from experiments.settings.plan import Plan
 from experiments.settings.plant_variants import Plant
 from scenario_publisher import scenario
-from scenario_publisher.scenario_file import ScenarioError
+from scenario_publisher.scenario import ScenarioError
 
 # why a drawn point is no setting
 TOO_NEAR = 'a safety distance cannot be kept'

@@ -1,21 +1,19 @@
 """From state to command, once per tick. No ROS.
 
-controller           `step(TickInputs) -> TickRecord`: the whole tick
-tick                 inputs and record of a tick
+controller           holds memory and inputs between ticks; `step(TickInputs) -> TickRecord`
+tick                 the whole tick, pure: (memory, inputs, scene, parts) -> (memory, record)
+memory               what one tick leaves to the next
+parts                what ticks work with: parameters, and what is built from them
+records              inputs and record of a tick
 tick_report          explains a record: /controller/why and the predicted poses
 planner              one plan: which guess, which problems, which solution, what fallback
 prediction_model     parameters, car and formulation of the plans; the problem of a tick
 path_progress        theta of stage 0: where on the path the car is
-tick_solvers         solves the problems of a tick, again after a failure, in parallel
+tick_solvers         solves the problems of a tick, in parallel
 parallel_solves      several solves at once, in threads
-candidate_plans      which candidates a tick solves, and which plans are kept for the next
-candidate_guesses    initial guesses around hazards, and braking
-candidate_choice     which of the solved candidates is driven
-hazards              dangerous obstacles on the road ahead
-side_profiles        the ways around the hazards, and their lateral offsets
-obstacle_passing     gaps to obstacles, sides of them and contact speeds of a plan
-initial_guess        the last plan shifted by a tick, or the path
-solver_selection     which solvers run, and for how long
+ways                 dangerous obstacles ahead, the ways around them, how a plan passes them
+guesses              initial guesses: last plan, path, control law, ways, braking
+choose               which plans a tick compares, which is driven, which are kept
 fallback             what to drive when a solve fails
 recovery             counter-steers a car that slides without a plan
 braking              braking along the last plan or the path, without optimisation

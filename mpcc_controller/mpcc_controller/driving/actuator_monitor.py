@@ -41,88 +41,35 @@ class ActuatorCheck(NamedTuple):
     faults: tuple[str, ...]  # of STEER, FORCE
 
 
-class _Persistence:
-    """Says that something is so when it was so for a while."""
+class Persistence(NamedTuple):
+    """Whether something is so since it was so for a while."""
 
-    def __init__(self):
-        self.holds, self._agreed_ns = False, None
+    holds: bool = False
+    agreed_ns: int | None = None  # when it last was as `holds` says
 
-    def update(self, is_so: bool, stamp_ns: int) -> bool:
-        if self._agreed_ns is None or is_so == self.holds:
-            self._agreed_ns = stamp_ns
-        elif stamp_ns - self._agreed_ns >= (CLEAR_S if self.holds else CONFIRM_S) * NS_PER_S:
-            self.holds, self._agreed_ns = is_so, stamp_ns
-        return self.holds
+    def update(self, is_so: bool, stamp_ns: int) -> 'Persistence':
+        """Return what holds after a message."""
+        if self.agreed_ns is None or is_so == self.holds:
+            return Persistence(self.holds, stamp_ns)
+        if stamp_ns - self.agreed_ns >= (CLEAR_S if self.holds else CONFIRM_S) * NS_PER_S:
+            return Persistence(is_so, stamp_ns)
+        return self
 
 
-class ActuatorMonitor:
-    """Compares once per tick, and puts measured values in the place of set-points."""
+class ActuatorState(NamedTuple):
+    """What is known of the actuators after a tick, at first nothing."""
 
-    def __init__(self, vehicle: CarParams):
-        lags = (vehicle.actuators.steer_lag_s, vehicle.actuators.force_lag_s)
-        lags = (UNKNOWN_LAG_S if lag is None else lag for lag in lags)
-        self._windows_ns = [round((LAGS * lag + UNANNOUNCED_S) * NS_PER_S) for lag in lags]
-        self._thresholds = STEER_RAD, FORCE_MPS2 * vehicle.car.mass_kg
-        self.memory_s = max(self._windows_ns) / NS_PER_S + OLDEST_S  # of set-points
-        self.reset(None)
-
-    def reset(self, actuators: Actuators | None) -> None:
-        """Forget every message; set-points begin where the actuators are."""
-        self._start = actuators
-        self._last: Actuators | None = None
-        self.check: ActuatorCheck | None = None  # None where nothing is known of the actuators
-        self._persistences = (_Persistence(), _Persistence())
-
-    def update(
-        self, actuators: Actuators | None, ramps: Sequence[SetpointRamp], state_ns: int
-    ) -> ActuatorCheck | None:
-        """Compare a message at its own stamp, and return what is known.
-
-        Without a message that is the last check, until it is too old: a topic that falls silent
-        counts as one that nobody publishes.
-        """
-        last = self._last
-        if actuators is None or not _is_recent(actuators, state_ns):
-            if last is not None:
-                self.check = self.check._replace(age_s=None)
-                if not _is_recent(last, state_ns):
-                    self.reset(None)
-            return self.check
-        age_s = (state_ns - actuators.stamp_ns) / NS_PER_S
-        if last is not None and actuators.stamp_ns <= last.stamp_ns:  # the same message again
-            self.check = self.check._replace(age_s=age_s)
-            return self.check
-        measured = Setpoints(actuators.delta, actuators.Fxf + actuators.Fxr)
-        errors = [
-            self._error(i, measured[i], ramps, actuators.stamp_ns) for i in range(len(measured))
-        ]
-        holds = [
-            persistence.update(abs(error) > threshold, actuators.stamp_ns)
-            for persistence, error, threshold in zip(self._persistences, errors, self._thresholds)
-        ]
-        faults = tuple(name for name, fault in zip((STEER, FORCE), holds) if fault)
-        self._last = actuators
-        self.check = ActuatorCheck(age_s, measured, *errors, faults)
-        return self.check
+    start: Actuators | None = None  # where set-points began
+    last: Actuators | None = None
+    check: ActuatorCheck | None = None  # None where nothing is known of the actuators
+    persistences: tuple[Persistence, Persistence] = (Persistence(), Persistence())
 
     @property
     def faults(self) -> tuple[str, ...]:
         """The actuators that do not follow, of STEER and FORCE."""
         return self.check.faults if self.check else ()
 
-    def describe(self) -> str:
-        """Return a line for the log: where actuators are that do not follow their set-points."""
-        if not self.faults:
-            return 'the actuators follow their set-points'
-        check = self.check
-        texts = {
-            STEER: f'steering angle {check.measured.delta:.3f} rad, {check.steer_error:+.3f} rad',
-            FORCE: f'force {check.measured.Fx:.0f} N, {check.force_error:+.0f} N',
-        }
-        beyond = '; '.join(texts[name] for name in self.faults)
-        return f'actuators do not follow: {beyond} beyond what was asked for; plans begin there'
-
-    def start(self, now: Setpoints, limits: Limits) -> Setpoints:
+    def begin(self, now: Setpoints, limits: Limits) -> Setpoints:
         """Return where a plan begins: at `now`, and where an actuator does not follow, there."""
         delta, Fx = now
         if STEER in self.faults:
@@ -176,13 +123,70 @@ class ActuatorMonitor:
             lambda_b = setpoints.split_within_friction(lambda_b, Fx, car, limits)
         return setpoints.within_rates(SetpointTarget(delta, Fx, lambda_b), now, limits, step_s)
 
-    def _error(self, i, measured, ramps, stamp_ns):
+    def describe(self) -> str:
+        """Return a line for the log: where actuators are that do not follow their set-points."""
+        if not self.faults:
+            return 'the actuators follow their set-points'
+        check = self.check
+        texts = {
+            STEER: f'steering angle {check.measured.delta:.3f} rad, {check.steer_error:+.3f} rad',
+            FORCE: f'force {check.measured.Fx:.0f} N, {check.force_error:+.0f} N',
+        }
+        beyond = '; '.join(texts[name] for name in self.faults)
+        return f'actuators do not follow: {beyond} beyond what was asked for; plans begin there'
+
+
+class ActuatorMonitor:
+    """Compares messages of the actuators with the set-points that were sent."""
+
+    def __init__(self, vehicle: CarParams):
+        lags = (vehicle.actuators.steer_lag_s, vehicle.actuators.force_lag_s)
+        lags = (UNKNOWN_LAG_S if lag is None else lag for lag in lags)
+        self._windows_ns = [round((LAGS * lag + UNANNOUNCED_S) * NS_PER_S) for lag in lags]
+        self._thresholds = STEER_RAD, FORCE_MPS2 * vehicle.car.mass_kg
+        self.memory_s = max(self._windows_ns) / NS_PER_S + OLDEST_S  # of set-points
+
+    def update(
+        self,
+        known: ActuatorState,
+        actuators: Actuators | None,
+        ramps: Sequence[SetpointRamp],
+        state_ns: int,
+    ) -> ActuatorState:
+        """Compare a message at its own stamp, and return what is known.
+
+        Without a message that is the last check, until it is too old: a topic that falls silent
+        counts as one that nobody publishes.
+        """
+        last = known.last
+        if actuators is None or not _is_recent(actuators, state_ns):
+            if last is None:
+                return known
+            if not _is_recent(last, state_ns):
+                return ActuatorState()
+            return known._replace(check=known.check._replace(age_s=None))
+        age_s = (state_ns - actuators.stamp_ns) / NS_PER_S
+        if last is not None and actuators.stamp_ns <= last.stamp_ns:  # the same message again
+            return known._replace(check=known.check._replace(age_s=age_s))
+        measured = Setpoints(actuators.delta, actuators.Fxf + actuators.Fxr)
+        errors = [
+            self._error(i, measured[i], known.start, ramps, actuators.stamp_ns)
+            for i in range(len(measured))
+        ]
+        persistences = tuple(
+            persistence.update(abs(error) > threshold, actuators.stamp_ns)
+            for persistence, error, threshold in zip(known.persistences, errors, self._thresholds)
+        )
+        faults = tuple(n for n, fault in zip((STEER, FORCE), persistences) if fault.holds)
+        check = ActuatorCheck(age_s, measured, *errors, faults)
+        return ActuatorState(known.start, actuators, check, persistences)
+
+    def _error(self, i, measured, start, ramps, stamp_ns):
         """Return by how much a measured value is beyond the set-points of the last while."""
         since_ns = stamp_ns - self._windows_ns[i]
         corners = (ns for ramp in ramps for ns in (ramp.begin_ns, ramp.end_ns))
         instants = {since_ns, stamp_ns, *(ns for ns in corners if since_ns < ns < stamp_ns)}
         values = [setpoints_at(ramps, ns)[0][i] for ns in instants]
-        start = self._start
         if start is not None and since_ns <= start.stamp_ns:
             values.append(Setpoints(start.delta, start.Fxf + start.Fxr)[i])
         return measured - min(max(measured, min(values)), max(values))

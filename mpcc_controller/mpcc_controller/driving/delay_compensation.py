@@ -5,7 +5,6 @@ prediction model reaches by then under the set-points already sent. SI units; no
 """
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise, zip_longest
@@ -17,14 +16,16 @@ import numpy as np
 
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.model import single_track
-from mpcc_controller.model.single_track import AnyCar, Input, State
+from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import Delay
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import VehicleState
 from stage_solver import stage_problem
 
 MAX_STEP_S = 0.01  # of the integration
-WINDOW = 20  # computing times, 1 s of ticks: adapts to a busy machine, ignores an outlier
+WINDOW = (
+    20  # computing times that count, 1 s of ticks: adapts to a busy machine, ignores an outlier
+)
 
 
 class SetpointRamp(NamedTuple):
@@ -88,87 +89,60 @@ def still_needed(ramps: Sequence[SetpointRamp], from_ns: int) -> tuple[SetpointR
     return tuple(ramps[ended:])
 
 
-class StatePredictor:
-    """Integrates the prediction model of `car` under a ramp of set-points.
+def predict(
+    measured: VehicleState, ramps: Sequence[SetpointRamp], stamp_ns: int, car: Car
+) -> VehicleState:
+    """Return the state at `stamp_ns`; the measured state itself if that is its stamp.
 
-    `car` may be replaced by another one of its kind, as when another friction is believed.
+    Uses midpoint steps of the prediction model: the actuators of a car with lags follow their
+    set-points with these, those of others at once. Each of the `ramps` holds until the next one
+    begins.
     """
+    if stamp_ns == measured.stamp_ns:
+        return measured
+    _, X, Y, psi, vx, vy, r = measured
+    x = State(X, Y, psi, vx, vy, r, theta=0.0, delta=0.0, Fx=0.0)
+    begin_ns = measured.stamp_ns
+    for ramp, following in zip_longest(ramps, ramps[1:]):
+        end_ns = min(following.begin_ns, stamp_ns) if following else stamp_ns
+        if end_ns > begin_ns:
+            for segment in split_ramp(ramp, begin_ns, end_ns):
+                x = _integrate(x, segment, ramp.lambda_b, car)
+            begin_ns = end_ns
+    return VehicleState(stamp_ns, x.X, x.Y, x.psi, x.vx, x.vy, x.r)
 
-    def __init__(self, car: AnyCar):
-        self.car = car
-        self._step = _step_function(type(car))
 
-    def predict(
-        self, measured: VehicleState, ramps: Sequence[SetpointRamp], stamp_ns: int
-    ) -> VehicleState:
-        """Return the state at `stamp_ns`; the measured state itself if that is its stamp.
-
-        Uses midpoint steps of the prediction model: the actuators of a car with lags follow their
-        set-points with these, those of others at once. Each of the `ramps` holds until the next one
-        begins.
-        """
-        if stamp_ns == measured.stamp_ns:
-            return measured
-        _, X, Y, psi, vx, vy, r = measured
-        x = State(X, Y, psi, vx, vy, r, theta=0.0, delta=0.0, Fx=0.0)
-        begin_ns = measured.stamp_ns
-        for ramp, following in zip_longest(ramps, ramps[1:]):
-            end_ns = min(following.begin_ns, stamp_ns) if following else stamp_ns
-            if end_ns > begin_ns:
-                for segment in split_ramp(ramp, begin_ns, end_ns):
-                    x = self._integrate(x, segment, ramp.lambda_b)
-                begin_ns = end_ns
-        return VehicleState(stamp_ns, x.X, x.Y, x.psi, x.vx, x.vy, x.r)
-
-    def _integrate(self, x, segment, lambda_b):
-        begin, end, duration_s = segment.begin, segment.end, segment.duration_s
-        u = Input(
-            d_delta=(end.delta - begin.delta) / duration_s,
-            d_Fx=(end.Fx - begin.Fx) / duration_s,
-            lambda_b=lambda_b,
-            slack=0.0,
-        )
-        flat = np.array(x._replace(theta=0.0, delta=begin.delta, Fx=begin.Fx))
-        steps, car = math.ceil(duration_s / MAX_STEP_S), np.array(self.car)
-        for _ in range(steps):
-            flat = self._step(flat, u, duration_s / steps, car).full().ravel()
-        return State(*map(float, flat))
+def _integrate(x: State, segment: RampSegment, lambda_b: float, car: Car) -> State:
+    begin, end, duration_s = segment.begin, segment.end, segment.duration_s
+    u = Input(
+        d_delta=(end.delta - begin.delta) / duration_s,
+        d_Fx=(end.Fx - begin.Fx) / duration_s,
+        lambda_b=lambda_b,
+        slack=0.0,
+    )
+    flat = np.array(x._replace(theta=0.0, delta=begin.delta, Fx=begin.Fx))
+    steps, numbers = math.ceil(duration_s / MAX_STEP_S), np.array(car)
+    step = _step_function(single_track.structure(car))
+    for _ in range(steps):
+        flat = step(flat, u, duration_s / steps, numbers).full().ravel()
+    return State(*map(float, flat))
 
 
 @cache
-def _step_function(kind: type) -> ca.Function:
-    """Return (x, u, h, car) -> the state h [s] later, by one midpoint step.
-
-    `kind` is the type of the car, of `AnyCar`.
-    """
-    x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
-    h, car = ca.SX.sym('h'), ca.SX.sym('car', len(kind._fields))
-    rates = single_track.derivative(
-        State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), kind(*ca.vertsplit(car))
-    )
-    f = ca.Function('rates', [x, u, car], [ca.vertcat(*rates)])
+def _step_function(structure: Car) -> ca.Function:
+    """Return (x, u, h, car) -> the state h [s] later, by one midpoint step."""
+    f, h = single_track.rates(structure), ca.SX.sym('h')
+    x, u, car = f.sx_in()
     return ca.Function('step', [x, u, h, car], [stage_problem.rk2(f, h)(x, u, car)])
 
 
-class LatencyEstimator:
-    """Estimates the delay of the next command from the last computing times."""
+def expected_delay(computing_s: Sequence[float], age_s: float, params: Delay) -> float:
+    """Return the delay [s] from a state to the effect of its command.
 
-    def __init__(self, params: Delay):
-        self._params = params
-        self._computing_s = deque(maxlen=WINDOW)
-
-    def estimate(self, age_s: float) -> float:
-        """Return the delay [s] from a state to the effect of its command.
-
-        It is the age of the state [s], the median computing time (`computing_s` of the parameters
-        until one was measured) and the transport time, at most `longest_s`.
-        """
-        computing_s = self._params.computing_s
-        if self._computing_s:
-            computing_s = median(self._computing_s)
-        delay_s = age_s + computing_s + self._params.transport_s
-        return min(max(delay_s, 0.0), self._params.longest_s)
-
-    def add(self, computing_s: float) -> None:
-        """Add the computing time [s] of a step."""
-        self._computing_s.append(computing_s)
+    It is the age of the state [s], the median of the computing times of the last steps
+    (`computing_s` of the parameters until there is one) and the transport time, at most
+    `longest_s`.
+    """
+    computing = median(computing_s) if computing_s else params.computing_s
+    delay_s = age_s + computing + params.transport_s
+    return min(max(delay_s, 0.0), params.longest_s)

@@ -1,8 +1,7 @@
-"""What to drive when the solver fails: six levels of fallback, each with its reason.
+"""What to drive when the solver fails: five levels of fallback, each with its reason.
 
-1 solved, 2 stopped early but acceptable, 3 the plan of the second solver, 4 the last plan shifted,
-5 recovery of a car that slides, if it is switched on (`recovery`), 6 braking along the last good
-plan or along the path (`braking`).
+1 solved, 2 stopped early but acceptable, 3 the last plan shifted, 4 recovery of a car that slides,
+if it is switched on (`recovery`), 5 braking along the last good plan or along the path (`braking`).
 """
 
 from collections.abc import Callable
@@ -14,7 +13,6 @@ from mpcc_controller.parameters import Fallback
 from stage_solver.solution import ONE_STEP, SOLVED, STOPPED_EARLY, Solution
 from stage_solver.stage_problem import Plan
 
-SECOND_SOLVER = 'second_solver'
 SHIFTED = 'shifted'
 RECOVERY = 'recovery'
 BRAKING = 'braking'
@@ -39,86 +37,75 @@ def accept(plan: Plan) -> str:
     return ''
 
 
-class FallbackLogic:
-    """Remembers the last good plan, its age, and the failures of the solver in a row."""
+class Plans(NamedTuple):
+    """The plan that is followed, the last good one, and the failures of the solver in a row."""
 
-    def __init__(self, params: Fallback):
-        self.params = params
-        self.plan: Plan | None = None  # followed last, of this tick or shifted to it
-        self.plan_age = 0  # ticks since `plan` was solved
-        self.failures = 0  # of the first solver, in a row
-        self._good_plan: Plan | None = None  # solved last, as solved
-        self._good_plan_age = 0  # ticks since then
+    plan: Plan | None = None  # followed last, of this tick or shifted to it
+    age: int = 0  # ticks since `plan` was solved
+    failures: int = 0
+    good: Plan | None = None  # solved last, as solved
+    good_age: int = 0  # ticks since then
 
-    @property
-    def is_warm(self) -> bool:
-        """Whether the next solve should start from `plan`."""
-        return self.plan is not None and self.failures < self.params.failures_to_cold_start
+    def is_warm(self, params: Fallback) -> bool:
+        """Return whether the next solve should start from `plan`."""
+        return self.plan is not None and self.failures < params.failures_to_cold_start
 
-    @property
-    def guiding_plan(self) -> Plan | None:
-        """The last good plan while it is recent enough to steer along."""
-        return self._good_plan if self._good_plan_age <= self.params.max_guide_age else None
+    def guide(self, params: Fallback) -> Plan | None:
+        """Return the last good plan while it is recent enough to steer along."""
+        return self.good if self.good_age <= params.max_guide_age else None
 
     def decide(
         self,
-        first: Solution,
-        second: Solution | None,
+        params: Fallback,
+        solution: Solution,
         shifted: Plan | None,
         sliding: bool = False,
         objection: Callable[[Plan], str] = accept,
-    ) -> Decision:
-        """Return the decision for the solutions of this tick.
+    ) -> tuple['Plans', Decision]:
+        """Return the decision for the solution of this tick; `shifted` is the last plan, moved on.
 
-        `second` is that of the second solver if it ran, `shifted` the last plan one tick later.
         A car that is `sliding` follows no old plan: it is not where that plan wanted it.
         Whatever plan is to be followed, the car brakes instead if there is an `objection` to it.
         """
-        reason = rejection_reason(first, self.params)
-        self.failures = self.failures + 1 if reason else 0
-        if not reason:
-            return self._follow(*USABLE[first.status], first.plan, objection)
-        if second is not None and not rejection_reason(second, self.params):
-            return self._follow(SECOND_SOLVER, reason, second.plan, objection)
-        if sliding:
-            return self.brake(reason, sliding)
-        return self.follow_shifted(reason, shifted, objection)
+        reason = rejection_reason(solution, params)
+        now = self._replace(failures=self.failures + 1 if reason else 0)
+        if reason and sliding:
+            return now.brake(reason, sliding)
+        if reason:
+            return now.follow_shifted(params, reason, shifted, objection)
+        objected = objection(solution.plan)
+        if objected:
+            return now.brake(objected)
+        followed = Plans(solution.plan, good=solution.plan)
+        return followed, Decision(*USABLE[solution.status], solution.plan)
 
     def follow_shifted(
-        self, reason: str, shifted: Plan | None, objection: Callable[[Plan], str] = accept
-    ) -> Decision:
+        self,
+        params: Fallback,
+        reason: str,
+        shifted: Plan | None,
+        objection: Callable[[Plan], str] = accept,
+    ) -> tuple['Plans', Decision]:
         """Return the decision without a usable solution: the shifted plan, or braking."""
-        if shifted is None or self.plan_age >= self.params.max_plan_age:
+        if shifted is None or self.age >= params.max_plan_age:
             return self.brake(reason)
         objected = objection(shifted)
         if objected:
             return self.brake(objected)
-        self.plan = shifted
-        self.plan_age += 1
-        self._good_plan_age += 1
-        return Decision(SHIFTED, reason, shifted)
+        older = Plans(shifted, self.age + 1, self.failures, self.good, self.good_age + 1)
+        return older, Decision(SHIFTED, reason, shifted)
 
-    def brake(self, reason: str, sliding: bool = False) -> Decision:
+    def brake(self, reason: str, sliding: bool = False) -> tuple['Plans', Decision]:
         """Return the decision to follow no plan, but perhaps to steer along the last good one.
 
         A car that is `sliding` is recovered, others are braked.
         """
-        self.plan, self.plan_age = None, 0
-        self._good_plan_age += 1
-        return Decision(RECOVERY if sliding else BRAKING, reason, None)
+        none = self._replace(plan=None, age=0, good_age=self.good_age + 1)
+        return none, Decision(RECOVERY if sliding else BRAKING, reason, None)
 
-    def discard_plan(self) -> None:
-        """Drop every plan: the gate rejected a command of it."""
-        self.plan = self._good_plan = None
-        self.plan_age = 0
-
-    def _follow(self, level, reason, plan, objection):
-        objected = objection(plan)
-        if objected:
-            return self.brake(objected)
-        self.plan = self._good_plan = plan
-        self.plan_age = self._good_plan_age = 0
-        return Decision(level, reason, plan)
+    def discard(self) -> 'Plans':
+        """Return what is left without every plan: the gate rejected a command of it."""
+        return self._replace(plan=None, age=0, good=None)
 
 
 def rejection_reason(solution: Solution, params: Fallback) -> str:

@@ -28,8 +28,8 @@ import numpy as np
 from mpcc_controller.driving.delay_compensation import MAX_STEP_S, SetpointRamp, setpoints_at
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.model import single_track
-from mpcc_controller.model.single_track import Car, Input, LowSpeedCar, State
-from mpcc_controller.parameters import ControllerParams, FrictionEstimate
+from mpcc_controller.model.single_track import Car, Input, State
+from mpcc_controller.parameters import FrictionEstimate
 from msgs_yaml import conversions
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import VehicleState
@@ -83,35 +83,32 @@ class Memory(NamedTuple):
 
 
 class FrictionEstimator:
-    """Estimates friction and velocities from states 50 ms apart and the set-points between them."""
+    """Estimates friction and velocities from states 50 ms apart and the set-points between them.
 
-    def __init__(self, params: FrictionEstimate, car: Car, highest: float, compiled: bool = True):
-        """`car` is that of friction `highest`, the most that is believed.
+    What it has learnt is passed in and out, `start` at first.
+    """
 
-        compiled: the model is machine code.
-        """
+    def __init__(self, params: FrictionEstimate, car: Car, highest: float):
+        """`car` is that of friction `highest`, the most that is believed."""
         self._params = params
         n = max(round((highest - params.lowest) / GRID_STEP), 0) + 1
         self.grid = np.linspace(min(params.lowest, highest), highest, n)
-        self._cars = np.array([_on_road(car, share) for share in self.grid / highest])
-        self._is_slow_known = 'settling' in car._fields
+        ideal = car._replace(steer_lag=0.0, force_lag=0.0)  # the delay of the set-points is theirs
+        mu = ((share * car.mu_f, share * car.mu_r) for share in self.grid / highest)
+        self._cars = np.array([ideal._replace(mu_f=front, mu_r=rear) for front, rear in mu])
+        self._is_slow_known = bool(car.kinematic_below)
         # each hypothesis twice: the second one measures the effect of the sideslip error; then
         # the most probable one with other velocities
-        self._predict = BufferedFunction(_bank(2 * n + 4, _kind(car), compiled))
+        self._predict = BufferedFunction(_bank(2 * n + 4, single_track.structure(ideal)))
         likely = np.exp((self.grid - highest) / params.spread)
         prior = params.doubt / n + (1 - params.doubt) * likely / np.sum(likely)
         self._prior = np.log(prior)
         noise = (params.speed_noise_mps, params.lateral_noise_mps, params.yaw_rate_noise_radps)
         self._model_variance = np.square(noise)
-        self.reset()
-
-    def reset(self) -> None:
-        """Return to the belief of the start."""
-        n = len(self.grid)
-        self.memory = Memory(
+        self.start = Memory(  # the belief of the start
             log=self._prior,
             error=np.zeros(n),
-            variance=np.full(n, self._params.sideslip_error_rad**2),
+            variance=np.full(n, params.sideslip_error_rad**2),
             noise=np.zeros(3),
             squares=np.zeros(3),
             products=np.zeros(3),
@@ -120,29 +117,28 @@ class FrictionEstimator:
             last=None,
         )
 
-    @property
-    def probabilities(self) -> np.ndarray:
-        """The probability of every hypothesis of `grid`."""
-        p = np.exp(self.memory.log - np.max(self.memory.log))
+    def probabilities(self, memory: Memory) -> np.ndarray:
+        """Return the probability of every hypothesis of `grid`."""
+        p = np.exp(memory.log - np.max(memory.log))
         return p / np.sum(p)
 
-    @property
-    def belief(self) -> FrictionBelief:
-        """The quantile of the friction, linear between hypotheses, and the last excitation."""
-        upto = np.cumsum(self.probabilities)
+    def belief(self, memory: Memory) -> FrictionBelief:
+        """Return the quantile of the friction, linear between hypotheses, and the excitation."""
+        upto = np.cumsum(self.probabilities(memory))
         # the probability of a hypothesis is spread over the interval that ends at it
         corners = np.concatenate((self.grid[:1], self.grid))
         friction = np.interp(self._params.quantile, np.concatenate(([0.0], upto)), corners)
-        return FrictionBelief(float(friction), self.memory.excitation)
+        return FrictionBelief(float(friction), memory.excitation)
 
-    def update(self, x: VehicleState, ramps: Sequence[SetpointRamp]) -> FrictionBelief:
-        """Take the state of a tick, and the ramps of set-points sent so far, the newest last."""
-        before = self.memory
+    def update(self, before: Memory, x: VehicleState, ramps: Sequence[SetpointRamp]) -> Memory:
+        """Return what is learnt from the state of a tick.
+
+        `ramps` are those of the set-points sent so far, the newest last.
+        """
         if not np.all(np.isfinite(x)):
-            self.memory = before._replace(last=None, excitation=0.0)
-            return self.belief
+            return before._replace(last=None, excitation=0.0)
         measured = np.array([x.vx, x.vy, x.r])
-        self.memory = before._replace(
+        now = before._replace(
             last=x,
             velocities=np.tile(measured[:, None], len(self.grid)),
             predicted=np.zeros((3, 3)),
@@ -151,21 +147,21 @@ class FrictionEstimator:
             excitation=0.0,
         )
         if before.last is None:
-            return self.belief
+            return now
         duration_s = conversions.ns_to_s(x.stamp_ns - before.last.stamp_ns)
         states = before.last, x
         if 0 < duration_s <= LONGEST_S and all(map(self._is_modelled, states)):
-            self._compare(before, measured, duration_s, ramps)
-        return self.belief
+            return self._compare(before, now, measured, duration_s, ramps)
+        return now
 
-    def filtered(self, x: VehicleState) -> VehicleState:
+    def filtered(self, memory: Memory, x: VehicleState) -> VehicleState:
         """Return the state given to `update` with the velocities that are estimated from it.
 
         Where no noise was measured these are the measured ones.
         """
-        if self.memory.last is not x or not np.any(self.memory.noise):
+        if memory.last is not x or not np.any(memory.noise):
             return x
-        vx, vy, r = map(float, self.memory.velocities @ self.probabilities)
+        vx, vy, r = map(float, memory.velocities @ self.probabilities(memory))
         return x._replace(vx=vx, vy=vy, r=r)
 
     def _is_modelled(self, x) -> bool:
@@ -173,33 +169,35 @@ class FrictionEstimator:
         slowest = SLOWEST_MPS if self._is_slow_known else LEAST_SPEED_MPS
         return x.vx > slowest and abs(x.vy) <= np.tan(MAX_SIDESLIP) * x.vx
 
-    def _compare(self, before: Memory, measured, duration_s, ramps):
-        """Compare predictions from the tick before with the measured velocities."""
+    def _compare(self, before: Memory, now: Memory, measured, duration_s, ramps) -> Memory:
+        """Return what predictions from the tick before tell beside the measured velocities."""
         best = int(np.argmax(before.log))
         residuals, slopes, transition, difference = self._residuals(
-            before, best, measured, duration_s, ramps
+            before, now.last.stamp_ns, best, measured, duration_s, ramps
         )
-        self._measure_noise(before, difference, transition, duration_s)
-        noise = np.diag(self.memory.noise)
+        now = self._measure_noise(before, now, difference, transition, duration_s)
+        noise = np.diag(now.noise)
         # of the estimate before, as it was made, by the noise as it is known now
         left, gain = before.left, np.eye(3) - before.left
         covariance = left @ before.predicted @ left.T + gain @ noise @ gain.T
         predicted = transition @ covariance @ transition.T + np.diag(self._model_variance)
         information = np.linalg.inv(predicted + noise)
         is_fast = min(before.last.vx, measured[0]) > LEAST_SPEED_MPS
-        if is_fast and self.memory.count >= FEWEST:
-            self._weigh(residuals, slopes, information, duration_s)
+        if is_fast and now.count >= FEWEST:
+            now = self._weigh(now, residuals, slopes, information, duration_s)
         left = noise @ information
         spread = np.ptp(residuals, axis=1)
-        self.memory = self.memory._replace(
+        return now._replace(
             velocities=measured[:, None] - left @ residuals,
             predicted=predicted,
             left=left,
             excitation=float(np.sqrt(spread @ information @ spread)),
         )
 
-    def _measure_noise(self, before: Memory, difference, transition, duration_s):
-        """Update the variances of the measured velocities.
+    def _measure_noise(
+        self, before: Memory, now: Memory, difference, transition, duration_s
+    ) -> Memory:
+        """Return the memory with the variances of the measured velocities.
 
         `difference` d (3,) is that between measured velocities and those predicted from the
         measured ones of the tick before, of which it has `transition` F times the noise. With
@@ -220,7 +218,7 @@ class FrictionEstimator:
             count = kept * count + 1.0
         known = (LASTS * squares - products) / (count + 1.0)
         noise = np.linalg.solve(LASTS * (np.eye(3) + transition**2) + _diagonal(transition), known)
-        self.memory = self.memory._replace(
+        return now._replace(
             squares=squares,
             products=products,
             count=count,
@@ -228,13 +226,15 @@ class FrictionEstimator:
             difference=difference,
         )
 
-    def _weigh(self, residuals, slopes, information, duration_s):
-        """Update probabilities, and the sideslip error of every hypothesis by its Kalman filter.
+    def _weigh(self, memory: Memory, residuals, slopes, information, duration_s) -> Memory:
+        """Return the memory with new probabilities, and the sideslip error by hypothesis.
+
+        That is estimated by a Kalman filter each.
 
         `residuals` and their `slopes` over the sideslip error are (3, n), `information` is the
         inverse of the covariance of the residuals beside that error.
         """
-        params, memory = self._params, self.memory
+        params = self._params
         variance = memory.variance + params.sideslip_error_rad**2 * duration_s / ERROR_DRIFT_S
         # of the residuals with the covariance 1 / information + slope variance slope'
         gained = np.sum(slopes * (information @ slopes), axis=0)
@@ -253,14 +253,14 @@ class FrictionEstimator:
         likelihood = -(np.minimum(distance, MAX_DISTANCE) + np.log(growth)) / 2
         faded = np.exp(-duration_s / params.memory_s)
         log = faded * memory.log + (1 - faded) * self._prior + likelihood
-        self.memory = memory._replace(
+        return memory._replace(
             log=log - np.max(log),
             error=memory.error - np.where(credible, posterior * push / doubt, 0.0),
             variance=np.where(credible, posterior, variance),
             misfit=misfit,
         )
 
-    def _residuals(self, before: Memory, best: int, measured, duration_s, ramps):
+    def _residuals(self, before: Memory, stamp_ns, best: int, measured, duration_s, ramps):
         """Return measured minus predicted velocities, and what they depend on.
 
         The residuals (3, n) of all hypotheses and their slopes over the sideslip error; of the
@@ -268,7 +268,6 @@ class FrictionEstimator:
         the difference (3,) from the prediction that begins at the measured ones.
         """
         n, last = len(self.grid), before.last
-        stamp_ns = self.memory.last.stamp_ns
         steps = int(np.ceil(duration_s / MAX_STEP_S))
         delay_ns = round(self._params.actuator_delay_s * NS_PER_S)
         instants = np.linspace(last.stamp_ns - delay_ns, stamp_ns - delay_ns, steps + 1)
@@ -305,42 +304,20 @@ def _turned(velocities: np.ndarray, error: np.ndarray) -> np.ndarray:
     return np.array([vx, vy - error * vx, r])
 
 
-def make(params: ControllerParams, car: Car) -> FrictionEstimator | None:
-    """Return the estimator that the parameters ask for; None if it is off."""
-    options = params.friction_estimate
-    if not options.on:
-        return None
-    return FrictionEstimator(options, car, params.model.friction, params.solver.compiled)
-
-
-def _kind(car: Car) -> type:
-    """Return the kind of car without lags: the delay of the set-points stands for them."""
-    return LowSpeedCar if 'settling' in car._fields else Car
-
-
-def _on_road(car: Car, share: float) -> Car:
-    """Return a car without lags on a road of a share of its friction."""
-    ideal = _kind(car)(*(getattr(car, name) for name in _kind(car)._fields))
-    return ideal._replace(mu_f=share * car.mu_f, mu_r=share * car.mu_r)
-
-
 @cache
-def _bank(columns: int, kind: type, compiled: bool) -> ca.Function:
+def _bank(columns: int, structure: Car) -> ca.Function:
     """Return (X, u, h, cars) -> states (9, columns) one midpoint step of h [s] after X.
 
     Column i is that of the car in column i of `cars`.
     """
-    x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
-    h, numbers = ca.SX.sym('h'), ca.SX.sym('car', len(kind._fields))
-    car = kind(*ca.vertsplit(numbers))
-    rates = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), car)
-    f = ca.Function('rates', [x, u, numbers], [ca.vertcat(*rates)])
+    f, h = single_track.rates(structure), ca.SX.sym('h')
+    x, u, numbers = f.sx_in()
     step = ca.Function('step', [x, u, h, numbers], [stage_problem.rk2(f, h)(x, u, numbers)])
     X = ca.MX.sym('X', len(State._fields), columns)
-    cars = ca.MX.sym('c', len(kind._fields), columns)
+    cars = ca.MX.sym('c', len(structure), columns)
     U, H = ca.MX.sym('u', len(Input._fields)), ca.MX.sym('h')
     each = (ca.repmat(value, 1, columns) for value in (U, H))
-    name, arguments = f'friction_bank_{kind.__name__}_{columns}', [X, U, H, cars]
+    name, arguments = f'friction_bank_{columns}', [X, U, H, cars]
     rows = step.map(columns)(X, *each, cars)
     bank = ca.Function(name, arguments, [rows], ['X', 'u', 'h', 'cars'], ['X_next'])
-    return compile_functions({name: bank}, name)[name] if compiled else bank
+    return compile_functions({name: bank}, name)[name]

@@ -5,7 +5,6 @@ optimal control problem.
 """
 
 import math
-from collections import Counter
 from typing import NamedTuple
 
 from mpcc_controller.model.single_track import GRAVITY, Car
@@ -24,50 +23,29 @@ class GateResult(NamedTuple):
     reason: str  # '' if the command passed
 
 
-class Gate:
-    """Checks commands in their order and counts rejections by reason."""
+class Gate(NamedTuple):
+    """The limits of commands."""
 
-    def __init__(
-        self,
-        limits: Limits,
-        car: Car,
-        step_s: float,
-        max_age_s: float,
-        axle_rate_nps: float = math.inf,
-    ):
-        """`axle_rate_nps` is what the actuators of one axle can do, `limits` that of both."""
-        self.limits = limits
-        self.car = car
-        self.believed = car  # on the friction that is believed now; to be set where it changes
-        self.axle_rate_nps = axle_rate_nps
-        self.step_s = step_s
-        self.max_age_s = max_age_s
-        self.rejections = Counter()
+    limits: Limits
+    car: Car  # identified, on the friction of the start
+    step_s: float
+    max_age_s: float
+    axle_rate_nps: float = math.inf  # what the actuators of one axle can do, `limits`: of both
 
-    def check(self, command: Command, last: Command, age_s: float) -> GateResult:
+    def check(self, command: Command, last: Command, age_s: float, believed: Car) -> GateResult:
         """Return the command, or if it is rejected the last one held.
 
         `age_s` is the age of the state that the command answers; a state from the future, by a
-        tick or more, means that clocks disagree. The held command keeps the steering set-point and
-        the brakes; it releases a driving force at its rate limit.
+        tick or more, means that clocks disagree. `believed` is the car on the friction that is
+        believed now. The held command keeps the steering set-point and the brakes; it releases a
+        driving force at its rate limit.
         """
-        reason = self._rejection_reason(command, last, age_s)
+        reason = self._rejection_reason(command, last, age_s, believed)
         if not reason:
             return GateResult(command, '')
-        self.rejections[reason] += 1
         return GateResult(self._hold(last, command.stamp_ns), reason)
 
-    def check_substitute(
-        self, command: Command, last: Command, age_s: float, rejected: GateResult
-    ) -> GateResult:
-        """Check a command that replaces a rejected one.
-
-        The reason stays that of the first rejection; every rejection is counted.
-        """
-        second = self.check(command, last, age_s)
-        return GateResult(second.command, rejected.reason)
-
-    def _rejection_reason(self, command, last, age_s):
+    def _rejection_reason(self, command, last, age_s, believed):
         checks = {
             'not_finite': not all(math.isfinite(value) for value in command),
             'too_old': not age_s <= self.max_age_s,
@@ -75,7 +53,7 @@ class Gate:
             'not_newer': command.stamp_ns <= last.stamp_ns,
             'out_of_range': not self._in_range(command),
             'too_fast': not self._in_rate(command, last),
-            'beyond_friction': not self._in_friction(command, last),
+            'beyond_friction': not self._in_friction(command, last, believed),
         }
         return next((reason for reason, failed in checks.items() if failed), '')
 
@@ -100,15 +78,15 @@ class Gate:
             and abs(command.d_delta) <= _rounded_up(self.limits.steer_rate_radps)
         )
 
-    def _in_friction(self, command, last):
+    def _in_friction(self, command, last, believed):
         """Return whether no axle gets more than the friction of the identified car.
 
         Nor more than the believed one, unless the last command asked for as much: forces take time
         to fall when the belief does.
         """
-        allowed = max(1.0, _friction_use(last, self.believed))
+        allowed = max(1.0, _friction_use(last, believed))
         return _friction_use(command, self.car) <= _rounded_up(1.0) and _friction_use(
-            command, self.believed
+            command, believed
         ) <= _rounded_up(allowed)
 
     def _hold(self, last, stamp_ns):

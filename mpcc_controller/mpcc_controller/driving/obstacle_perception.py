@@ -6,12 +6,14 @@ it went away or was only missed. So what vanishes is kept for
 an obstacle that is gone is avoided for that time at most. SI units.
 """
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from mpcc_controller.driving import measurement_errors
-from mpcc_controller.parameters import ControllerParams, Surroundings
+from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.problem import road_following
-from mpcc_controller.problem.obstacle_motion import AnyObstacle, ObstacleObserver, moved
+from mpcc_controller.problem.obstacle_motion import AnyObstacle, Speeds, expected, moved, observed
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.conversions import ns_to_s
 from msgs_yaml.types import Obstacles, VehicleState
@@ -24,73 +26,66 @@ class Sighting(NamedTuple):
     obstacle: AnyObstacle
 
 
-class ObstacleMemory:
-    """Remembers obstacles by their id for `surroundings.memory_s`; without it, none."""
+class Sightings(NamedTuple):
+    """What is known of obstacles from tick to tick."""
 
-    def __init__(self, params: Surroundings):
-        self._memory_s = params.memory_s
-        self.reset()
+    true_state: VehicleState  # of the car, from which it sees them
+    speeds: Speeds = MappingProxyType({})
+    last: Mapping[int, Sighting] = MappingProxyType({})  # by id, those of `surroundings.memory_s`
 
-    def reset(self) -> None:
-        """Forget every obstacle."""
-        self._last: dict[int, Sighting] = {}
 
-    def remember(self, seen: Obstacles) -> None:
-        """Take what is seen; forget what was last seen too long ago, or after that (in a loop)."""
-        if not self._memory_s:
-            return
-        self._last |= {o.id: Sighting(seen.stamp_ns, o) for o in seen.items}
-        self._last = {
+def observe(
+    known: Sightings, scene: Scene, true_state: VehicleState, seen_ns: int, params: ControllerParams
+) -> Sightings:
+    """Return what is known after the obstacles of the last message were seen at an instant.
+
+    What was last seen too long ago is forgotten, or after that (in a loop).
+    """
+    known = known._replace(true_state=true_state)
+    if scene.obstacles is None:
+        return known
+    measured = _measured(known, scene.obstacles, seen_ns, params)
+    speeds = observed(known.speeds, measured, params.surroundings.braking_window_s)
+    known = known._replace(speeds=speeds)
+    memory_s = params.surroundings.memory_s
+    if not memory_s:
+        return known
+    seen = _expected(known, scene, seen_ns, params)
+    last = known.last | {o.id: Sighting(seen.stamp_ns, o) for o in seen.items}
+    return known._replace(
+        last={
             key: sighting
-            for key, sighting in self._last.items()
-            if 0.0 <= ns_to_s(seen.stamp_ns - sighting.stamp_ns) <= self._memory_s
+            for key, sighting in last.items()
+            if 0.0 <= ns_to_s(seen.stamp_ns - sighting.stamp_ns) <= memory_s
         }
-
-    def complete(self, seen: Obstacles) -> Obstacles:
-        """Return what is seen and, behind it, what is remembered, moved to the stamp of `seen`."""
-        present = {o.id for o in seen.items}
-        missed = tuple(
-            moved(last.obstacle, ns_to_s(seen.stamp_ns - last.stamp_ns))
-            for key, last in self._last.items()
-            if key not in present
-        )
-        return seen._replace(items=seen.items + missed) if missed else seen
+    )
 
 
-class ObstaclePerception:
-    """From the obstacles of the messages, tick by tick, to those that the controller knows."""
+def scene_known(known: Sightings, scene: Scene, seen_ns: int, params: ControllerParams) -> Scene:
+    """Return the scene with the obstacles of the last message as seen at an instant.
 
-    def __init__(self, params: ControllerParams, true_state: VehicleState):
-        self._errors = params.measurement_errors
-        self._surroundings = params.surroundings
-        self._observer = ObstacleObserver(params.surroundings)
-        self._memory = ObstacleMemory(params.surroundings)
-        self.true_state = true_state  # of the car, from which it sees them
+    Behind them are those that are remembered, moved to the same stamp.
+    """
+    if scene.obstacles is None:
+        return scene
+    seen = _expected(known, scene, seen_ns, params)
+    present = {o.id for o in seen.items}
+    missed = tuple(
+        moved(last.obstacle, ns_to_s(seen.stamp_ns - last.stamp_ns))
+        for key, last in known.last.items()
+        if key not in present
+    )
+    return scene._replace(obstacles=seen._replace(items=seen.items + missed) if missed else seen)
 
-    def reset(self) -> None:
-        """Forget the obstacles of earlier messages."""
-        self._observer.reset()
-        self._memory.reset()
 
-    def observe(self, scene: Scene, true_state: VehicleState, seen_ns: int) -> None:
-        """Take the obstacles of the last message as seen at an instant from a state of the car."""
-        self.true_state = true_state
-        if scene.obstacles is not None:
-            self._observer.observe(self._measured(scene.obstacles, seen_ns))
-            self._memory.remember(self._expected(scene, seen_ns))
+def _expected(known, scene, seen_ns, params) -> Obstacles:
+    """Return the obstacles of a message as seen at an instant, and how they go on."""
+    seen = expected(_measured(known, scene.obstacles, seen_ns, params), known.speeds)
+    if scene.path is None or scene.road is None:
+        return seen
+    return road_following.along_road(seen, scene.path, scene.road, params.surroundings)
 
-    def known(self, scene: Scene, seen_ns: int) -> Obstacles:
-        """Return the obstacles of the last message as seen at an instant, and remembered ones."""
-        return self._memory.complete(self._expected(scene, seen_ns))
 
-    def _expected(self, scene, seen_ns) -> Obstacles:
-        """Return the obstacles of a message as seen at an instant, and how they go on."""
-        seen = self._observer.predict(self._measured(scene.obstacles, seen_ns))
-        if scene.path is None or scene.road is None:
-            return seen
-        return road_following.along_road(seen, scene.path, scene.road, self._surroundings)
-
-    def _measured(self, obstacles, seen_ns) -> Obstacles:
-        return measurement_errors.measured_obstacles(
-            obstacles, self.true_state, seen_ns, self._errors
-        )
+def _measured(known, obstacles, seen_ns, params) -> Obstacles:
+    errors = params.measurement_errors
+    return measurement_errors.measured_obstacles(obstacles, known.true_state, seen_ns, errors)

@@ -9,17 +9,15 @@ from concurrent.futures import Future, wait
 from queue import SimpleQueue
 from typing import Any
 
-from stage_solver.solution import Solution, StageSolver
-
-PARALLEL = 'riccati'  # the solver that releases Python's lock and may run in threads
+from stage_solver.solution import Solution
+from stage_solver.solver import StageSolver
 
 
 class ParallelSolves:
     """Runs jobs on solvers; which thread takes which job does not change its result.
 
     The calling thread works too. Where it may wait for a limited time only, another thread works in
-    its place: a solve that does not return must not hold the thread that sends the commands. That
-    needs solvers that release Python's lock.
+    its place: a solve that does not return must not hold the thread that sends the commands.
     """
 
     def __init__(self, make: Callable[[], StageSolver], most: int):
@@ -27,10 +25,7 @@ class ParallelSolves:
 
         The calling thread has a job of its own besides, so that `most` + 1 threads may be busy.
         """
-        first = make()
-        can_share = first.name == PARALLEL
-        threads = min(most + 1, cores()) if can_share else 1
-        self.solvers = [first, *(make() for _ in range(threads - 1))]
+        self.solvers = [make() for _ in range(min(most + 1, cores()))]
         self._threads: dict[int, _Thread] = {}  # by the number of the solver
         self._working: dict[int, Future] = {}  # by the number of the solver, submitted last
 

@@ -1,6 +1,7 @@
 """Where on the path the car is from tick to tick: theta of stage 0. SI units; instants in ns."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from mpcc_controller.parameters import INTEGRATED, ControllerParams
 from mpcc_controller.path import reference_path
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem.stage_parameters import Scene
-from msgs_yaml.conversions import add_seconds, ns_to_s
+from msgs_yaml.conversions import ns_to_s
 from msgs_yaml.types import VehicleState
 from stage_solver.stage_problem import Plan
 
@@ -42,61 +43,45 @@ def objection(path: ReferencePath, x: VehicleState) -> str:
     return 'the path runs against the motion of the car'
 
 
-class PathProgress:
-    """Projects the car on the path, from where it was in the tick before."""
+class Progress(NamedTuple):
+    """Where on the path the car was; nothing on another path or in another drive."""
 
-    def __init__(self, params: ControllerParams):
-        self._reach_m = params.surroundings.path_search_m
-        self._model = params.model
-        self.reset()
+    theta: float | None = None  # m, last projection on the path
+    stage_ns: int = 0  # when stage 0 of the last plan was
 
-    def reset(self) -> None:
-        """Forget where the car was: another path, or another drive."""
-        self.theta: float | None = None  # m, last projection on the path
-        self._stage_ns = 0  # when stage 0 of the last plan was
 
-    def project(self, x: VehicleState, scene: Scene) -> float:
-        """Return the distance [m] along the path of the point closest to the car."""
-        self.theta = reference_path.project(scene.path, x.X, x.Y, self.theta, self._reach_m)
-        return self.theta
+def project(progress: Progress, x: VehicleState, path: ReferencePath, reach_m: float) -> float:
+    """Return the distance [m] along the path of the point closest to the car, near the last one."""
+    return reference_path.project(path, x.X, x.Y, progress.theta, reach_m)
 
-    def initial_state(
-        self, x: VehicleState, now: Setpoints, scene: Scene, last_plan: Plan | None
-    ) -> State:
-        """Return the state of stage 0: heading within pi of the path's, theta by projection.
 
-        With `model.theta` integrated, theta is where the last plan predicted it: the lag error of
-        stage 0 is what the prediction has missed. It starts from the projection again where there
-        is no last plan, after a change of the path, and beyond LOST_M from the projection.
-        """
-        is_new_path = self.theta is None
-        theta = self.project(x, scene)
-        if self._model.theta == INTEGRATED:
-            if not is_new_path and last_plan is not None:
-                predicted = self._predicted_theta(last_plan, x.stamp_ns)
-                if abs(predicted - theta) <= LOST_M:
-                    theta = predicted
-            self._stage_ns = x.stamp_ns
-        arcs, _ = reference_path.arcs_at(scene.path, theta)
-        turns = np.round((arcs.psi - x.psi) / (2 * np.pi))
-        return State(
-            X=x.X,
-            Y=x.Y,
-            psi=float(x.psi + 2 * np.pi * turns),
-            vx=x.vx,
-            vy=x.vy,
-            r=x.r,
-            theta=theta,
-            delta=now.delta,
-            Fx=now.Fx,
-        )
+def initial_state(
+    progress: Progress,
+    x: VehicleState,
+    now: Setpoints,
+    scene: Scene,
+    last_plan: Plan | None,
+    params: ControllerParams,
+) -> tuple[Progress, State]:
+    """Return the state of stage 0: heading within pi of the path's, theta by projection.
 
-    def skip_tick(self) -> None:
-        """Follow a last plan that was shifted by a tick without a new initial state."""
-        self._stage_ns = add_seconds(self._stage_ns, self._model.step_s)
-
-    def _predicted_theta(self, plan: Plan, stamp_ns: int) -> float:
-        """Return the theta [m] of a plan at an instant."""
-        t = self._model.step_s * np.arange(self._model.horizon + 1)
-        theta = plan.X[:, State._fields.index('theta')]
-        return float(np.interp(ns_to_s(stamp_ns - self._stage_ns), t, theta))
+    With `model.theta` integrated, theta is where the last plan predicted it: the lag error of
+    stage 0 is what the prediction has missed. It starts from the projection again where there
+    is no last plan, after a change of the path, and beyond LOST_M from the projection.
+    """
+    model = params.model
+    here = theta = project(progress, x, scene.path, params.surroundings.path_search_m)
+    stage_ns = progress.stage_ns
+    if model.theta == INTEGRATED:
+        if progress.theta is not None and last_plan is not None:
+            t = model.step_s * np.arange(model.horizon + 1)
+            planned = last_plan.X[:, State._fields.index('theta')]
+            predicted = float(np.interp(ns_to_s(x.stamp_ns - stage_ns), t, planned))
+            if abs(predicted - here) <= LOST_M:
+                theta = predicted
+        stage_ns = x.stamp_ns
+    arcs, _ = reference_path.arcs_at(scene.path, theta)
+    turns = np.round((arcs.psi - x.psi) / (2 * np.pi))
+    psi = float(x.psi + 2 * np.pi * turns)
+    x0 = State(x.X, x.Y, psi, x.vx, x.vy, x.r, theta, now.delta, now.Fx)
+    return Progress(here, stage_ns), x0

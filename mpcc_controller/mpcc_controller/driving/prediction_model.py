@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mpcc_controller import run_time_parameters
-from mpcc_controller.driving import initial_guess
+from mpcc_controller.driving import guesses
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import CarParams, ControllerParams
@@ -35,6 +35,7 @@ class TickProblem(NamedTuple):
 
     x0: State  # stage 0, in the map
     scene: Scene
+    car: Car  # on the friction that is believed
     guess_map: Plan  # the initial guess, in the map
     guess_local: Plan  # the same in the states of the formulation
     parameters: StageParameters
@@ -56,21 +57,30 @@ class PredictionModel:
     def __init__(self, params: ControllerParams, vehicle: CarParams):
         self._vehicle = vehicle
         self.params = params = run_time_parameters.in_force(params, vehicle)
-        self.car = self._nominal_car = stage_parameters.car(params, vehicle)
-        self.friction = params.model.friction  # believed, that of `car`
+        self.car = stage_parameters.car(params, vehicle)  # on a road of `model.friction`
         self.formulation = formulation.make(params, self.car)
         compiled_queries.library()  # compiled now, not when the first path is set
         symbolic = self.formulation.ocp
         _check_problem(symbolic, params, self.car)
         self.problem = ocp.build(symbolic, params.model.horizon, params.model.step_s)
         self.evaluator = PlanEvaluator(symbolic)
-        self._step = BufferedFunction(single_track.step(params.model.step_s, type(self.car)))
+        self._step = BufferedFunction(
+            single_track.step(params.model.step_s, single_track.structure(self.car))
+        )
 
-    def believe(self, friction: float) -> None:
-        """Plan for a road of another friction than `model.friction` from now on."""
-        self.friction = friction
-        self.car = stage_parameters.with_friction(self._nominal_car, friction, self.params)
-        self.formulation.set_car(self.car)
+    def car_on(self, friction: float) -> Car:
+        """Return the car on a road of a friction."""
+        if friction == self.params.model.friction:
+            return self.car
+        return stage_parameters.with_friction(self.car, friction, self.params)
+
+    def car_to_brake(self, friction: float) -> Car:
+        """Return the car on a road of a little more friction than is believed.
+
+        What is believed is cautious, and only forces beyond it tell whether the road has more. A
+        car that brakes without a plan finds it so; where it is not there, the belief falls at once.
+        """
+        return self.car_on(min(BRAKING_PROBE * friction, self.params.model.friction))
 
     def change(self, params: ControllerParams) -> None:
         """Plan with other weights and limits from now on; see `run_time_parameters`."""
@@ -83,47 +93,37 @@ class PredictionModel:
         known = [*(t.parameter for t in terms), *(f'envelope.{t.limit}' for t in terms if t.limit)]
         run_time_parameters.check_effect(params, changed, self._vehicle, known)
 
-    @property
-    def car_to_brake(self) -> Car:
-        """The car on a road of a little more friction than is believed.
-
-        What is believed is cautious, and only forces beyond it tell whether the road has more. A
-        car that brakes without a plan finds it so; where it is not there, the belief falls at once.
-        """
-        friction = min(BRAKING_PROBE * self.friction, self.params.model.friction)
-        return stage_parameters.with_friction(self._nominal_car, friction, self.params)
-
     def step(self, x: np.ndarray, u: np.ndarray, car: Car) -> np.ndarray:
         """Return the state (9,) one tick after `x` (9,) under the input `u` (4,)."""
         return self._step(x=x, u=u, car=car)['x_next'].copy()
 
-    def shift_to(self, plan: Plan, x0: State) -> Plan:
+    def shift_to(self, plan: Plan, x0: State, car: Car) -> Plan:
         """Return a plan one tick later, starting at the measured state `x0`."""
-        return initial_guess.shift_to(plan, self.step, self.car, x0)
+        return guesses.shift_to(plan, self.step, car, x0)
 
     def build_problem(
-        self, x0: State, scene: Scene, guess_map: Plan, sliding: bool = False
+        self, x0: State, scene: Scene, guess: Plan, car: Car, sliding: bool = False
     ) -> TickProblem:
         """Return the problem from `x0`, its stage parameters taken around the guess."""
         model, form = self.params.model, self.formulation
-        parameters = form.stage_parameters(scene, guess_map.X)
+        parameters = form.stage_parameters(scene, guess.X, car)
         limits = bounds.build(
             self.params.limits,
-            self.car,
+            car,
             x0.Fx,
             model.horizon,
             model.step_s,
             form.ocp.state,
             len(self.params.body.circle_offsets_m),
         )
-        guess_local = form.to_local(guess_map, scene.path)
-        return TickProblem(x0, scene, guess_map, guess_local, parameters, limits, sliding)
+        guess_local = form.to_local(guess, scene.path)
+        return TickProblem(x0, scene, car, guess, guess_local, parameters, limits, sliding)
 
     def to_map(self, solution: Solution, problem: TickProblem) -> Solution:
         """Return a solution in the states of its problem as one in the map."""
         plan = self.formulation.to_map(solution.plan, problem.scene.path)
         if solution.status == ONE_STEP:  # the driven step obeys the dynamics exactly
-            driven = self.step(plan.X[0], plan.U[0], self.car)
+            driven = self.step(plan.X[0], plan.U[0], problem.car)
             plan = plan._replace(X=np.vstack([plan.X[:1], driven, plan.X[2:]]))
         return solution._replace(plan=plan)
 

@@ -90,7 +90,7 @@ def recovery_target(
     Both set-points respect their limits and rate limits for every finite state.
     """
     limits, step_s = params.limits, params.model.step_s
-    x = _predict(x, now, car, gains.delay_s + getattr(car, 'steer_lag', STEER_LAG_S))
+    x = _predict(x, now, car, gains.delay_s + (car.steer_lag or STEER_LAG_S))
     v = max(math.hypot(x.vx, x.vy), LEAST_MPS)
     beta = math.atan2(x.vy, x.vx)
     Fz = single_track.loads(now.Fx, car)

@@ -4,13 +4,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mpcc_controller.driving import obstacle_passing
+from mpcc_controller.driving import ways
 from mpcc_controller.driving.actuator_monitor import FAULT, ActuatorCheck
-from mpcc_controller.driving.candidate_choice import Choice, Outcome
 from mpcc_controller.driving.fallback import BRAKING, RECOVERY
-from mpcc_controller.driving.tick import Arrival, Attempt, Comparison, TickRecord
+from mpcc_controller.driving.records import Attempt, TickRecord
 from mpcc_controller.model import single_track
-from mpcc_controller.model.single_track import Car, Input, State
+from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import distance, frenet_frame, road_edges
 from mpcc_controller.path.distance import Disc
@@ -20,9 +19,9 @@ from mpcc_controller.problem.formulation import Formulation
 from mpcc_controller.problem.plan_evaluator import PlanEvaluator, PlanValues
 from mpcc_controller.problem.stage_parameters import Scene, StageParameters
 from mpcc_controller.run_time_parameters import REPORTED
-from msgs_yaml import conversions
-from msgs_yaml.types import Command, Obstacle, Prediction, Why
-from stage_solver.solution import SOLVED, Solution
+from msgs_yaml.conversions import ns_to_s
+from msgs_yaml.types import Obstacle, Prediction, Why
+from stage_solver.solution import SOLVED
 
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs
 RESUMED = 'resumed'  # in the report of the first step after a pause
@@ -69,10 +68,12 @@ class TickReporter:
         values |= {name: v for name, v in self._values(record, plan_values).items() if v == v}
         return Why(record.inputs.state.stamp_ns, level, message, values)
 
-    def _values(self, record, plan_values):
-        values = {}
-        if record.x0 is not None:
-            values |= _initial_state(record.x0)
+    def _values(self, record: TickRecord, plan_values: bool) -> dict:
+        x0, inputs, command = record.x0, record.inputs, record.command
+        values: dict = {}
+        if x0 is not None:  # path distance, speed and set-points at stage 0
+            values['theta'], values['vx'] = float(x0.theta), float(x0.vx)
+            values['set_point.delta'], values['set_point.Fx'] = float(x0.delta), float(x0.Fx)
             if record.attempt is not None:
                 values |= _solutions(record.attempt)
             if plan_values:
@@ -82,45 +83,49 @@ class TickReporter:
             values['friction.excitation'] = record.friction.excitation
         if record.braking_line is not None:
             values['guide'] = record.braking_line
-        values |= _command(record.command, self._formulation.car, record.rejections)
+        # the commanded brake split (0 without braking), and the ideal one
+        force = command.Fxf + command.Fxr
+        values['split.front'] = command.Fxf / force if force < 0 else 0.0
+        values['split.ideal'] = float(single_track.ideal_split(force, self._formulation.car))
+        values['gate.rejections'] = sum(record.rejections.values())
+        values |= {f'gate.{reason}': n for reason, n in sorted(record.rejections.items())}
         if record.actuators is not None:
             values |= _actuators(record.actuators)
         if record.resumed:
             values[RESUMED] = True
-        values |= self._left_out(record.scene)
-        return values | _times(record) | self._changes
+        # obstacles that the problem has no room for
+        known = record.scene.obstacles.items if record.scene.obstacles else ()
+        if len(known) > self._params.surroundings.max_obstacles:
+            values[LEFT_OUT] = len(known) - self._params.surroundings.max_obstacles
+        values['time.lead_ms'] = 1e3 * ns_to_s(record.effective_ns - inputs.state.stamp_ns)
+        if inputs.publish_s is not None:
+            values['time.publish_ms'] = 1e3 * inputs.publish_s
+        if record.prepared_s is not None:
+            values['time.ahead_ms'] = 1e3 * record.prepared_s
+        if inputs.arrival is not None:
+            values['time.heard_ns'] = inputs.arrival.received_ns
+            values['time.wait_ms'] = 1e3 * inputs.arrival.wait_s
+        return values | self._changes
 
-    def _left_out(self, scene: Scene) -> dict:
-        """Return how many obstacles the problem has no room for, nothing where it has."""
-        known = scene.obstacles.items if scene.obstacles else ()
-        count = len(known) - self._params.surroundings.max_obstacles
-        return {LEFT_OUT: count} if count > 0 else {}
-
-    def _plan_values(self, record) -> dict:
-        attempt = record.attempt
+    def _plan_values(self, record: TickRecord) -> dict:
+        attempt, params = record.attempt, self._params
         if attempt is None:
-            near = stage_parameters.closest_to_state(self._params, record.scene, record.x0)
-            return distances_now(record.x0, record.scene, near, self._params)
-        problem = attempt.problem
-        parameters, scene = problem.parameters, problem.scene
-        values = distances_now(problem.x0, scene, parameters.obstacles, self._params)
+            near = stage_parameters.closest_to_state(params, record.scene, record.x0)
+            return distances_now(record.x0, record.scene, near, params)
+        parameters, scene = attempt.problem.parameters, attempt.problem.scene
+        values = distances_now(attempt.problem.x0, scene, parameters.obstacles, params)
         if attempt.plan is not None:
             plan = self._formulation.to_local(attempt.plan, scene.path)
             evaluated = self._evaluator.evaluate(plan, parameters.P)
             values |= _planned(evaluated, parameters, attempt.plan.U)
-        if attempt.candidates is not None:
-            values |= _lines(attempt.candidates.choice)
+        # the lines of the candidates that may be driven, one text each, for viewers
+        outcomes = attempt.candidates.choice.outcomes if attempt.candidates else ()
+        for number, outcome in enumerate(outcomes):
+            if outcome.is_usable:
+                points = outcome.solution.plan.X[::LINE_STAGES, :2]
+                line = ' '.join(f'{X:.2f},{Y:.2f}' for X, Y in points)
+                values[f'candidates.{number}.line'] = line
         return values
-
-
-def _initial_state(x0: State) -> dict:
-    """Return path distance, speed and set-points at stage 0."""
-    return {
-        'theta': float(x0.theta),
-        'vx': float(x0.vx),
-        'set_point.delta': float(x0.delta),
-        'set_point.Fx': float(x0.Fx),
-    }
 
 
 def _actuators(check: ActuatorCheck) -> dict:
@@ -133,110 +138,45 @@ def _actuators(check: ActuatorCheck) -> dict:
     return values | ({FAULT: '+'.join(check.faults)} if check.faults else {})
 
 
-def _command(command: Command, car: Car, rejections: Mapping[str, int]) -> dict:
-    """Return the commanded brake split (0 without braking), the ideal one, and the rejections."""
-    force = command.Fxf + command.Fxr
-    return {
-        'split.front': command.Fxf / force if force < 0 else 0.0,
-        'split.ideal': float(single_track.ideal_split(force, car)),
-        'gate.rejections': sum(rejections.values()),
-        **{f'gate.{reason}': count for reason, count in sorted(rejections.items())},
-    }
-
-
-def _times(record: TickRecord) -> dict:
-    """Return lead, publishing and preparation time [ms], and when the state was received."""
-    inputs = record.inputs
-    times_s = {
-        'lead': conversions.ns_to_s(record.effective_ns - inputs.state.stamp_ns),
-        'publish': inputs.publish_s,
-        'ahead': record.prepared_s,
-    }
-    values = {f'time.{name}_ms': 1e3 * t for name, t in times_s.items() if t is not None}
-    return values | _arrival(inputs.arrival)
-
-
-def _arrival(arrival: Arrival | None) -> dict:
-    if arrival is None:
-        return {}
-    return {'time.heard_ns': arrival.received_ns, 'time.wait_ms': 1e3 * arrival.wait_s}
-
-
 def _solutions(attempt: Attempt) -> dict:
-    """Return status and times of the solvers; `solve_ms` is the time of all solves together."""
-    first, second, compared = attempt.first, attempt.second, attempt.candidates
+    """Return status and times of the solver; `solve_ms` is the time of all solves together."""
+    solution, compared = attempt.solution, attempt.candidates
     values = {
         'solver.warm': attempt.warm,
-        **_solution('solver', first),
+        'solver.status': solution.status,
+        'solver.message': solution.message,
+        'solver.iterations': solution.iterations,
+        'solver.primal_residual': solution.primal_residual,
+        'solver.dual_residual': solution.dual_residual,
+        'solver.cost': solution.cost,
         'time.prepare_ms': 1e3 * attempt.prepare_s,
-        'time.solve_ms': 1e3 * first.solve_s,
-        'time.solve_cpu_ms': 1e3 * first.cpu_s,
+        'time.solve_ms': 1e3 * (compared.solve_s if compared else solution.solve_s),
+        'time.solve_cpu_ms': 1e3 * solution.cpu_s,
+        'plan.age': attempt.plan_age,
+        'plan.failures': attempt.failures,
     }
-    if second is not None:
-        values |= _solution('fallback', second)
-        values['time.fallback_ms'] = 1e3 * second.solve_s
-        values['time.solve_ms'] += values['time.fallback_ms']
-        values['time.solve_cpu_ms'] += 1e3 * second.cpu_s
     if attempt.refreshes is not None:
         values['solver.refreshes'] = attempt.refreshes
-    if compared is not None:
-        values |= _candidates(compared)
-        others = compared.solve_s - first.solve_s  # those in parallel, and waiting for them
-        values['time.solve_ms'] += 1e3 * others
-        cpu_s = sum(outcome.solution.cpu_s for outcome in compared.choice.outcomes)
-        values['time.solve_cpu_ms'] += 1e3 * (cpu_s - first.cpu_s)
-    return values | {'plan.age': attempt.plan_age, 'plan.failures': attempt.failures}
-
-
-def _candidates(compared: Comparison) -> dict:
-    """Return the candidates of a tick, by their number, and the choice."""
-    choice = compared.choice
-    values = {
-        'candidates.count': len(choice.outcomes),
-        'candidates.chosen': choice.chosen,
-        'candidates.switched': choice.switched,
-    }
-    for number, outcome in enumerate(choice.outcomes):
-        values |= _candidate(f'candidates.{number}', outcome)
+    if compared is None:
+        return values
+    outcomes, chosen, switched = compared.choice
+    values['time.solve_cpu_ms'] = 1e3 * sum(outcome.solution.cpu_s for outcome in outcomes)
+    values['candidates.count'] = len(outcomes)
+    values['candidates.chosen'], values['candidates.switched'] = chosen, switched
+    for number, outcome in enumerate(outcomes):
+        solution, key = outcome.solution, f'candidates.{number}'
+        values |= {
+            f'{key}.name': outcome.name,
+            f'{key}.status': outcome.rejection or solution.status,
+            f'{key}.cost': solution.cost,
+            f'{key}.iterations': solution.iterations,
+            f'{key}.cpu_ms': 1e3 * solution.cpu_s,
+            f'{key}.clean': outcome.is_clean,
+            f'{key}.way': ways.name_of(outcome.sides) or 'none',
+        }
+        if np.isfinite(outcome.least_gap):
+            values[f'{key}.v2o_least'] = outcome.least_gap
     return values
-
-
-def _lines(choice: Choice) -> dict:
-    """Return the lines of the candidates that may be driven, one text each, for viewers."""
-    return {
-        f'candidates.{number}.line': ' '.join(
-            f'{X:.2f},{Y:.2f}' for X, Y in outcome.solution.plan.X[::LINE_STAGES, :2]
-        )
-        for number, outcome in enumerate(choice.outcomes)
-        if outcome.is_usable
-    }
-
-
-def _candidate(key: str, outcome: Outcome) -> dict:
-    solution = outcome.solution
-    values = {
-        f'{key}.name': outcome.name,
-        f'{key}.status': outcome.rejection or solution.status,
-        f'{key}.cost': solution.cost,
-        f'{key}.iterations': solution.iterations,
-        f'{key}.cpu_ms': 1e3 * solution.cpu_s,
-        f'{key}.clean': outcome.is_clean,
-        f'{key}.way': obstacle_passing.name_of(outcome.sides) or 'none',
-    }
-    if np.isfinite(outcome.least_gap):
-        values[f'{key}.v2o_least'] = outcome.least_gap
-    return values
-
-
-def _solution(name: str, solution: Solution) -> dict:
-    return {
-        f'{name}.status': solution.status,
-        f'{name}.message': solution.message,
-        f'{name}.iterations': solution.iterations,
-        f'{name}.primal_residual': solution.primal_residual,
-        f'{name}.dual_residual': solution.dual_residual,
-        f'{name}.cost': solution.cost,
-    }
 
 
 def distances_now(

@@ -6,6 +6,7 @@ the ideal brake split of the paper requires.
 """
 
 from collections import namedtuple
+from collections.abc import Iterable
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -62,24 +63,41 @@ class Car(NamedTuple):
     tyre_switch: Any  # -, where the tangent continues the Fiala curve
     v_slip: Any  # m/s, least speed in the slip angles
     force_blend: Any  # N, width of the change from braking to driving
+    # beyond the paper, each left out of the equations where it is the number 0: how far the
+    # actuators are behind set-points that move at constant rates, and the speed up to which the
+    # car is a kinematic single track, below the tyre dynamics
+    steer_lag: Any = 0.0  # s
+    force_lag: Any = 0.0  # s
+    kinematic_below: Any = 0.0  # m/s
 
 
-class ServoLags(NamedTuple):
-    """How far the actuators are behind set-points that move at constant rates."""
-
-    steer_lag: Any  # s
-    force_lag: Any  # s
+EXTENSIONS = tuple(Car._field_defaults)
 
 
-# parameters of a car whose actuators lag; the functions here take either
-LaggingCar = namedtuple('LaggingCar', Car._fields + ServoLags._fields)
+def structure(car: Car) -> Car:
+    """Return the names of the parameters in place of their values; 0 where an extension is off."""
+    values = car._asdict().items()
+    return Car(*(0.0 if name in EXTENSIONS and _is_off(v) else name for name, v in values))
 
 
-# kinds of car that drive at every speed: below the tyre dynamics a kinematic single track
-SLOW = ('settling', 'kinematic')  # s, and m/s up to which the car is kinematic
-LowSpeedCar = namedtuple('LowSpeedCar', (*Car._fields, *SLOW))
-LaggingLowSpeedCar = namedtuple('LaggingLowSpeedCar', (*LaggingCar._fields, *SLOW))
-AnyCar = Car | LaggingCar | LowSpeedCar | LaggingLowSpeedCar
+def _is_off(value):
+    return isinstance(value, int | float) and value == 0
+
+
+PAPER = structure(Car(*Car._fields[: -len(EXTENSIONS)]))
+
+
+def car_of(structure: Car, values: Iterable) -> Car:
+    """Return the car of these parameters, in which 0 stays where the structure has it."""
+    return Car(*(value if name else 0.0 for name, value in zip(structure, values, strict=True)))
+
+
+def car_symbols(structure: Car) -> tuple[ca.SX, Car]:
+    """Return symbols (len(Car),) of all parameters, and the car made of them."""
+    flat = ca.SX.sym('car', len(structure))
+    return flat, car_of(structure, ca.vertsplit(flat))
+
+
 # m/s, up to which a car is kinematic at least: from there on the slip angles have the true speed
 BLEND_FROM_MPS = 5.0
 BLEND_MPS = 3.0  # over which the kinematic model changes to the dynamic one
@@ -162,7 +180,7 @@ def slips(x, car):
     """
     v = _bounded_speed(x, car)
     front = ca.atan((x.vy + car.l_f * x.r) / v) - x.delta
-    if hasattr(car, 'settling'):
+    if not _is_off(car.kinematic_below):
         front = ca.fmin(ca.fmax(front, -MAX_SLIP), MAX_SLIP)
     return Axles(
         f=ca.tan(front),
@@ -213,40 +231,40 @@ def tyre_forces(x, u, car):
     )
 
 
-def acting(x, u: Input, car: AnyCar):
+def acting(x, u: Input, car: Car):
     """Return the state with the angle and the force that act instead of their set-points.
 
     A linear servo of any order follows a ramp by a constant time behind it, 2 zeta / omega if it
     is of second order, once its transient is over. So within a step, where set-points move at
     constant rates, delta - lag d_delta acts. Exact for rates that last, without a state.
     """
-    if not hasattr(car, 'steer_lag'):
-        return x
-    return x._replace(delta=x.delta - car.steer_lag * u.d_delta, Fx=x.Fx - car.force_lag * u.d_Fx)
+    if not _is_off(car.steer_lag):
+        x = x._replace(delta=x.delta - car.steer_lag * u.d_delta)
+    return x if _is_off(car.force_lag) else x._replace(Fx=x.Fx - car.force_lag * u.d_Fx)
 
 
-def body_rates(x, u: Input, car: AnyCar) -> BodyRates:
-    """Return the rates of the body velocities (paper, eq. 1), of a lagging car by what acts.
+def body_rates(x, u: Input, car: Car) -> BodyRates:
+    """Return the rates of the body velocities (paper, eq. 1), by what acts.
 
-    `x` needs vx, vy, r, delta and Fx only: the coordinates of the position do not matter. A car of
-    the low-speed kinds moves by `kinematic_rates` when it is slow.
+    `x` needs vx, vy, r, delta and Fx only: the coordinates of the position do not matter. A slow
+    car moves by `kinematic_rates` where the model has them.
     """
     x = acting(x, u, car)
     dynamic = dynamic_rates(x, u, car)
-    if not hasattr(car, 'settling'):
+    if _is_off(car.kinematic_below):
         return dynamic
     slow, share = kinematic_rates(x, u, car), dynamic_share(x, car)
     return BodyRates(*(share * d + (1 - share) * k for d, k in zip(dynamic, slow)))
 
 
 def dynamic_share(x, car):
-    """Return the share of the dynamic model: 0 up to `car.kinematic`, 1 from BLEND_MPS more on.
+    """Return the share of the dynamic model: 0 up to `kinematic_below`, 1 from BLEND_MPS more on.
 
     The quintic between them has two continuous derivatives, as exact Hessians need. Sideways
     motion counts: a car that slides is not kinematic.
     """
     speed = ca.sqrt(x.vx**2 + x.vy**2 + STANDSTILL_ROUNDING)
-    t = ca.fmin(ca.fmax((speed - car.kinematic) / BLEND_MPS, 0), 1)
+    t = ca.fmin(ca.fmax((speed - car.kinematic_below) / BLEND_MPS, 0), 1)
     return t**3 * (10 - 15 * t + 6 * t**2)
 
 
@@ -254,7 +272,7 @@ def kinematic_rates(x, u: Input, car) -> BodyRates:
     """Return the rates of the kinematic single track (Kong et al. 2015), which rolls without slip.
 
     There r = vx tan(delta) / L and vy = l_r r: the centre of the rear axle does not move sideways.
-    The lateral motion follows these at their own rates and takes them up within `settling`. Blends
+    The lateral motion follows these at their own rates and takes them up within SETTLING_S. Blends
     of both models: Polack et al. 2017.
 
     A car that brakes with all of its friction does not follow its steering: the yaw rate is `held`
@@ -272,8 +290,8 @@ def kinematic_rates(x, u: Input, car) -> BodyRates:
     r_rate = held * (vx_rate * tan_delta + x.vx * (1 + tan_delta**2) * u.d_delta) / wheelbase
     return BodyRates(
         vx=vx_rate,
-        vy=car.l_r * r_rate + (car.l_r * r - x.vy) / car.settling,
-        r=r_rate + (r - x.r) / car.settling,
+        vy=car.l_r * r_rate + (car.l_r * r - x.vy) / SETTLING_S,
+        r=r_rate + (r - x.r) / SETTLING_S,
     )
 
 
@@ -305,13 +323,13 @@ def lateral_jerk(x, u: Input, car: Car):
     """Return the rate of the lateral acceleration ay = vy' + r vx [m/s^3] at constant inputs."""
     names = ('vx', 'vy', 'r', 'delta', 'Fx')
     moving = namedtuple('Moving', names)(*(ca.SX.sym(name) for name in names))
-    parameters = type(car)(*(ca.SX.sym(name) for name in car._fields))
+    numbers, parameters = car_symbols(structure(car))
     lambda_b, d_delta, d_Fx = (ca.SX.sym(name) for name in ('lambda_b', 'd_delta', 'd_Fx'))
     body = body_rates(moving, Input(d_delta, d_Fx, lambda_b, slack=0.0), parameters)
     ay = body.vy + moving.r * moving.vx
     rates = ca.vertcat(body.vx, body.vy, body.r, d_delta, d_Fx)
     jerk = ca.jtimes(ay, ca.vertcat(*moving), rates)
-    arguments = [ca.vertcat(*moving), ca.vertcat(lambda_b, d_delta, d_Fx), ca.vertcat(*parameters)]
+    arguments = [ca.vertcat(*moving), ca.vertcat(lambda_b, d_delta, d_Fx), numbers]
     f = ca.Function('lateral_jerk', arguments, [jerk])
     state = ca.vertcat(x.vx, x.vy, x.r, x.delta, x.Fx)
     return f(state, ca.vertcat(u.lambda_b, u.d_delta, u.d_Fx), ca.vertcat(*car))
@@ -334,27 +352,31 @@ def derivative(x: State, u: Input, car: Car) -> State:
     )
 
 
-def travel_rate(x, car: AnyCar):
-    """Return the speed [m/s]; near standstill that of the low-speed kinds is rounded.
+def travel_rate(x, car: Car):
+    """Return the speed [m/s]; near standstill that of a kinematic car is rounded.
 
     Their exact speed has a corner there, whose curvature a solver does not get past.
     """
     square = x.vx**2 + x.vy**2
     exact = ca.sqrt(square + STANDSTILL_ROUNDING)
-    if not hasattr(car, 'settling'):
+    if _is_off(car.kinematic_below):
         return exact
     share = dynamic_share(x, car)
     return share * exact + (1 - share) * square / ca.sqrt(square + CREEP_MPS**2)
 
 
 @cache
-def step(dt: float, kind: type = Car) -> ca.Function:
-    """Return (x, u, car) -> the state `dt` [s] later, by one midpoint step (Runge-Kutta 2).
-
-    `kind` is the type of the car, of `AnyCar`.
-    """
-    x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
-    car = ca.SX.sym('car', len(kind._fields))
-    rates = derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), kind(*ca.vertsplit(car)))
-    f = ca.Function('rates', [x, u, car], [ca.vertcat(*rates)])
+def step(dt: float, structure: Car = PAPER) -> ca.Function:
+    """Return (x, u, car) -> the state `dt` [s] later, by one midpoint step (Runge-Kutta 2)."""
+    f = rates(structure)
+    x, u, car = f.sx_in()
     return ca.Function('step', [x, u, car], [rk2(f, dt)(x, u, car)], ['x', 'u', 'car'], ['x_next'])
+
+
+@cache
+def rates(structure: Car) -> ca.Function:
+    """Return (x, u, car) -> dx/dt for the cars of a structure."""
+    x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
+    numbers, car = car_symbols(structure)
+    derivatives = derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), car)
+    return ca.Function('rates', [x, u, numbers], [ca.vertcat(*derivatives)])

@@ -107,18 +107,6 @@ def to_frenet(path: ReferencePath, X, Y, near: float) -> FrenetPoint:
     return FrenetPoint(s, e)
 
 
-def closest_node(path, X, Y, near):
-    """Return the theta of the nearer end of the chord closest to a point.
-
-    The chord decides, not its ends: on a long one both are far from the foot.
-    """
-    arcs = Arc(*(column[1:] for column in path.arcs))
-    share, inside, square = reference_path.feet_on_chords(arcs, X, Y)
-    theta = arcs.theta[:-1] + inside * np.diff(arcs.theta)
-    best = np.argmin(np.sqrt(square) + compiled_queries.S_PENALTY * np.abs(theta - near))
-    return arcs.theta[best + int(share[best] > 0.5)]
-
-
 def refine(path: ReferencePath, X, Y, s) -> FrenetPoint:
     """Return the path coordinates of points (k,) from approximate values of `s` (k,)."""
     compiled = compiled_queries.library()
@@ -129,16 +117,6 @@ def refine(path: ReferencePath, X, Y, s) -> FrenetPoint:
         len(s), X.ctypes.data, Y.ctypes.data, s.ctypes.data, e.ctypes.data,
     )  # fmt: skip
     return FrenetPoint(s, e)
-
-
-def refine_by_numpy(path: ReferencePath, X, Y, s) -> FrenetPoint:
-    """Return `refine`: the definition of what the compiled code does."""
-    for _ in range(compiled_queries.PROJECTION_STEPS):
-        piece, _ = reference_path.arcs_by_numpy(path, s)
-        left = arc.contouring_error(Pose(piece.X, piece.Y, piece.psi), X, Y)
-        s = np.where(piece.kappa * left < 1, to_frenet_on_arc(piece, X, Y).s, s)
-    piece, _ = reference_path.arcs_by_numpy(path, s)
-    return FrenetPoint(s, arc.contouring_error(Pose(piece.X, piece.Y, piece.psi), X, Y))
 
 
 def to_cartesian(path: ReferencePath, point: FrenetPoint) -> Pose:

@@ -140,7 +140,7 @@ double path_project(long n, const double *table, double X, double Y, double near
 
 /* path coordinates --------------------------------------------------------------------------- */
 
-/* frenet_frame.closest_node */
+/* the nearer end of the chord closest to a point: the chord decides, not its ends */
 static double closest_node(const Path *path, const double *discs, double X, double Y, double near) {
   const long chords = path->n - 2, count = disc_count(chords); /* the first arc has no length */
   const double *x = path->X + 1, *y = path->Y + 1, *theta = path->theta + 1;

@@ -33,11 +33,13 @@ class Formulation(Protocol):
     def set_params(self, params: ControllerParams) -> None:
         """Take other weights and limits into the parameters of the stages."""
 
-    def set_car(self, car: Car) -> None:
-        """Take another car into the parameters of the stages."""
+    def stage_parameters(
+        self, scene: Scene, guess: np.ndarray, car: Car | None = None
+    ) -> StageParameters:
+        """Return the parameters of every stage around guessed states in the map (N + 1, 9).
 
-    def stage_parameters(self, scene: Scene, guess: np.ndarray) -> StageParameters:
-        """Return the parameters of every stage around guessed states in the map (N + 1, 9)."""
+        `car` is `self.car` on the road of now.
+        """
 
     def to_local(self, plan: Plan, path: ReferencePath) -> Plan:
         """Return a plan in the map in the states of the problem; multipliers are kept."""

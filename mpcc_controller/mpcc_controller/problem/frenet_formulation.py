@@ -184,11 +184,16 @@ class FrenetFormulation(ConstantParameters):
         priority = priorities.PRIORITIES[params.formulation.priority]
         terms = cost_terms.in_use(cost_terms.FRENET, params)
         body = stage_parameters.body_type(params)
-        super().__init__(params, car, Rules(FRENET, priority, terms, type(car), body))
+        super().__init__(
+            params, car, Rules(FRENET, priority, terms, single_track.structure(car), body)
+        )
         self.ocp = symbolic_ocp(*stage_parameters.size(params), self.rules)
 
-    def stage_parameters(self, scene: Scene, guess: np.ndarray) -> StageParameters:
+    def stage_parameters(
+        self, scene: Scene, guess: np.ndarray, car: Car | None = None
+    ) -> StageParameters:
         """Return the parameters of every stage around guessed states in the map (N + 1, 9)."""
+        constants, numbers = self.on_road(car)
         params = self.params
         x = State(*guess.T)
         s = frenet_frame.refine(scene.path, x.X, x.Y, x.theta).s
@@ -197,13 +202,13 @@ class FrenetFormulation(ConstantParameters):
         window = params.surroundings.edge_window_m
         slots, obstacles = stage_parameters.obstacle_slots(params, FRENET, scene, x)
         stages = FrenetStage(
-            **self.constants,
+            **constants,
             kappa=mean_curvatures(arcs),
             v_ref=v_ref,
             edges=FRENET.road(scene.road, arcs, x, window),
             obstacles=slots,
         )
-        return stage_parameters.to_matrix(stages, obstacles, len(guess), self.constant_numbers)
+        return stage_parameters.to_matrix(stages, obstacles, len(guess), numbers)
 
     def to_local(self, plan: Plan, path: ReferencePath) -> Plan:
         """Return a plan in the map in path coordinates; multipliers are kept."""

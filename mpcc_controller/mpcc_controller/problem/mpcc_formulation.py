@@ -139,15 +139,18 @@ class MpccFormulation(ConstantParameters):
             FRAMES[options.distance],
             priorities.PRIORITIES[options.priority],
             cost_terms.in_use(self.terms, params),
-            type(car),
+            single_track.structure(car),
             stage_parameters.body_type(params),
         )
         super().__init__(params, car, rules)
         size = stage_parameters.size(params)
         self.ocp = symbolic_ocp(*size, rules, options.name, self.quantities)
 
-    def stage_parameters(self, scene: Scene, guess: np.ndarray) -> StageParameters:
+    def stage_parameters(
+        self, scene: Scene, guess: np.ndarray, car: Car | None = None
+    ) -> StageParameters:
         """Return the parameters of every stage around guessed states in the map (N + 1, 9)."""
+        constants, numbers = self.on_road(car)
         params, frame = self.params, self.rules.frame
         x = State(*guess.T)
         arcs, _ = reference_path.arcs_at(scene.path, x.theta)
@@ -156,10 +159,10 @@ class MpccFormulation(ConstantParameters):
         aligned = bool(params.surroundings.align_track)
         track = road_edges.track_beside(scene.road, arcs, window, aligned)
         slots, obstacles = stage_parameters.obstacle_slots(params, frame, scene, x)
-        D_sft = self.constants['D_sft']
+        D_sft = constants['D_sft']
         edge = stage_parameters.edge_distance(params, track.half_width)
         stages = Stage(
-            **(self.constants | {'D_sft': D_sft._replace(e=edge)}),
+            **(constants | {'D_sft': D_sft._replace(e=edge)}),
             path=reference,
             v_ref=v_ref,
             centre=track.centre,
@@ -167,7 +170,7 @@ class MpccFormulation(ConstantParameters):
             edges=frame.road(scene.road, arcs, x, window),
             obstacles=slots,
         )
-        return stage_parameters.to_matrix(stages, obstacles, len(guess), self.constant_numbers)
+        return stage_parameters.to_matrix(stages, obstacles, len(guess), numbers)
 
     def reference(self, path: ReferencePath, x: State) -> tuple[Arc, np.ndarray]:
         """Return the arcs of the path and the desired speeds [m/s] of the guessed states `x`."""

@@ -7,13 +7,12 @@ acceleration tells little about the next seconds, while one that brakes often br
 """
 
 import math
-from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from mpcc_controller.parameters import Surroundings
 from msgs_yaml.conversions import NS_PER_S, ns_to_s
 from msgs_yaml.types import Obstacle, Obstacles
 
@@ -103,67 +102,63 @@ def moved(obstacle: AnyObstacle, t: float) -> AnyObstacle:
     return obstacle._replace(X=X, Y=Y, vX=vX, vY=vY, along=along)
 
 
-class ObstacleObserver:
-    """Observes how obstacles slow down, over `surroundings.braking_window_s` at most.
+Speeds = Mapping[int, tuple[tuple[int, float], ...]]  # by id: (stamp_ns, m/s), the newest last
 
-    A line is fitted to the last speeds of each one. It brakes if the slope differs from 0 by more
-    than the speeds scatter about the line: as many speeds as that takes, from three on, are used.
 
-    The controller shows it the obstacles of every tick since its (re)start, and no others: then a
-    node, the ring in process and a replay predict the same bits, whatever was received between.
+def observed(speeds: Speeds, obstacles: Obstacles, window_s: float | None) -> Speeds:
+    """Return the last speeds of every obstacle, with those of a message, over a window of time.
+
+    Without a window there are none. An obstacle that is missing is forgotten after the window. The
+    controller shows the obstacles of every tick since its (re)start, and no others: then a node,
+    the ring in process and a replay predict the same bits, whatever was received between.
     """
+    if window_s is None:
+        return {}
 
-    def __init__(self, params: Surroundings):
-        self._window_s = params.braking_window_s
-        self.reset()
+    def is_kept(stamp_ns):
+        return ns_to_s(obstacles.stamp_ns - stamp_ns) <= window_s
 
-    def reset(self) -> None:
-        """Forget every obstacle."""
-        self._speeds: dict[int, deque[tuple[int, float]]] = {}  # by id: (stamp_ns, m/s)
+    kept = {key: last for key, last in speeds.items() if is_kept(last[-1][0])}
+    for o in obstacles.items:
+        before = kept.get(o.id, ())
+        if before and before[-1][0] == obstacles.stamp_ns:
+            before = before[:-1]  # the message is repeated
+        elif before and before[-1][0] > obstacles.stamp_ns:
+            before = ()  # the clock was set back
+        now = (obstacles.stamp_ns, float(np.hypot(o.vX, o.vY)))
+        kept[o.id] = (*(s for s in before if is_kept(s[0])), now)
+    return kept
 
-    def observe(self, obstacles: Obstacles) -> None:
-        """Take a message. An obstacle that is missing in it is forgotten after the window."""
-        if self._window_s is None:
-            return
-        self._speeds = {
-            key: speeds
-            for key, speeds in self._speeds.items()
-            if ns_to_s(obstacles.stamp_ns - speeds[-1][0]) <= self._window_s
-        }
-        for o in obstacles.items:
-            speeds = self._speeds.setdefault(o.id, deque())
-            if speeds and speeds[-1][0] == obstacles.stamp_ns:
-                speeds.pop()  # the message is repeated
-            elif speeds and speeds[-1][0] > obstacles.stamp_ns:
-                speeds.clear()  # the clock was set back
-            speeds.append((obstacles.stamp_ns, float(np.hypot(o.vX, o.vY))))
-            while ns_to_s(obstacles.stamp_ns - speeds[0][0]) > self._window_s:
-                speeds.popleft()
 
-    def predict(self, obstacles: Obstacles) -> Obstacles:
-        """Return the obstacles, those that slow down as `ExpectedObstacle`."""
-        if self._window_s is None:
-            return obstacles
-        return obstacles._replace(items=tuple(map(self._predict, obstacles.items)))
+def expected(obstacles: Obstacles, speeds: Speeds) -> Obstacles:
+    """Return the obstacles, those that were observed to slow down as `ExpectedObstacle`."""
+    if not speeds:
+        return obstacles
 
-    def _predict(self, o):
-        braking = self._deceleration(o.id)
+    def predict(o):
+        braking = _deceleration(speeds.get(o.id, ()))
         is_braking = braking > 0.0 and np.hypot(o.vX, o.vY) >= LEAST_SPEED_MPS
         return ExpectedObstacle(*o, braking=braking) if is_braking else o
 
-    def _deceleration(self, key):
-        """Return the deceleration [m/s^2] that is observed, 0 where noise may explain it."""
-        last = list(self._speeds.get(key, ()))
-        for count in range(3, len(last) + 1):
-            t, v = np.array(last[-count:], float).T
-            t = (t - t[-1]) / NS_PER_S
-            t -= np.mean(t)
-            square = np.sum(t**2)
-            slope = np.sum(t * v) / square
-            scatter = np.sum((v - np.mean(v) - slope * t) ** 2) / (count - 2)
-            uncertain = STUDENT[min(count - 3, len(STUDENT) - 1)] * np.sqrt(scatter / square)
-            if -slope > uncertain:
-                return min(float(-slope), MAX_DECELERATION)
-            if uncertain - slope < LEAST_DECELERATION:
-                return 0.0
-        return 0.0
+    return obstacles._replace(items=tuple(map(predict, obstacles.items)))
+
+
+def _deceleration(last) -> float:
+    """Return the deceleration [m/s^2] that speeds show, 0 where noise may explain it.
+
+    A line is fitted to the last ones. An obstacle brakes if the slope differs from 0 by more than
+    the speeds scatter about the line: as many speeds as that takes, from three on, are used.
+    """
+    for count in range(3, len(last) + 1):
+        t, v = np.array(last[-count:], float).T
+        t = (t - t[-1]) / NS_PER_S
+        t -= np.mean(t)
+        square = np.sum(t**2)
+        slope = np.sum(t * v) / square
+        scatter = np.sum((v - np.mean(v) - slope * t) ** 2) / (count - 2)
+        uncertain = STUDENT[min(count - 3, len(STUDENT) - 1)] * np.sqrt(scatter / square)
+        if -slope > uncertain:
+            return min(float(-slope), MAX_DECELERATION)
+        if uncertain - slope < LEAST_DECELERATION:
+            return 0.0
+    return 0.0

@@ -79,7 +79,7 @@ class Rules(NamedTuple):
     frame: DistanceFrame
     priority: Any  # (D, D_sft) -> q / P_k
     terms: tuple[CostTerm, ...]
-    car: type = Car  # of its parameters, of `single_track.AnyCar`
+    car: Car = single_track.PAPER  # its structure
     body: type = VehicleCircles  # or `NarrowCircles`
 
 
@@ -87,7 +87,7 @@ def common_template(circles: int, rules: Rules) -> dict[str, Any]:
     """Return the stage parameters that every formulation has, by name, without meaning."""
     kind, limits = cost_terms.weights_type(rules.terms), cost_terms.limits_type(rules.terms)
     return {
-        'car': rules.car(*rules.car._fields),
+        'car': rules.car,
         'weights': kind(*kind._fields),
         'D_sft': SafetyDistance(*SafetyDistance._fields),
         'body': rules.body(*rules.body._fields)._replace(offsets=('offset',) * circles),
@@ -110,7 +110,9 @@ def symbols(ocp: SymbolicOcp) -> Symbols:
     xs, us = ca.SX.sym('x', len(ocp.state._fields)), ca.SX.sym('u', len(Input._fields))
     ps = ca.SX.sym('p', len(named_vector.leaves(ocp.template)))
     x, u = ocp.state(*ca.vertsplit(xs)), Input(*ca.vertsplit(us))
-    return Symbols((xs, us, ps), x, u, named_vector.build(ocp.template, ca.vertsplit(ps)))
+    p = named_vector.build(ocp.template, ca.vertsplit(ps))
+    p = p._replace(car=single_track.car_of(ocp.template.car, p.car))
+    return Symbols((xs, us, ps), x, u, p)
 
 
 def constraints(x, u: Input, p, beyond_track: Sequence) -> Constraints:

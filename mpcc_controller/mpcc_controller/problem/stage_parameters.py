@@ -10,17 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mpcc_controller.model import stability
-from mpcc_controller.model.single_track import (
-    BLEND_FROM_MPS,
-    SETTLING_S,
-    AnyCar,
-    Car,
-    LaggingCar,
-    LaggingLowSpeedCar,
-    LowSpeedCar,
-    ServoLags,
-    State,
-)
+from mpcc_controller.model.single_track import BLEND_FROM_MPS, Car, State
 from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.path import distance
 from mpcc_controller.path.distance import Disc
@@ -63,7 +53,7 @@ class StageParameters(NamedTuple):
     obstacles: tuple[Obstacle, ...]  # those in the problem, in the order of `stages.obstacles`
 
 
-def car(params: ControllerParams, vehicle: CarParams) -> AnyCar:
+def car(params: ControllerParams, vehicle: CarParams) -> Car:
     """Return the parameters of the prediction model in the paper's symbols.
 
     With `model.servo_lag` they have the lags of the actuators, with `model.low_speed` it drives at
@@ -71,7 +61,7 @@ def car(params: ControllerParams, vehicle: CarParams) -> AnyCar:
     """
     body, tyre = vehicle.car, vehicle.tyre
     lambda_d = params.model.drive_front_share
-    ideal = Car(
+    car = Car(
         m=body.mass_kg,
         Izz=body.yaw_inertia_kgm2,
         l_f=body.cog_to_front_m,
@@ -88,34 +78,30 @@ def car(params: ControllerParams, vehicle: CarParams) -> AnyCar:
         v_slip=params.model.least_slip_speed_mps,
         force_blend=params.model.force_blend_n,
     )
-    kind = LowSpeedCar
     if params.model.servo_lag:
-        ideal, kind = LaggingCar(*ideal, *_lags(params, vehicle)), LaggingLowSpeedCar
-    if not params.model.low_speed:
-        return ideal
-    return _with_stable_blend(kind(*ideal, SETTLING_S, BLEND_FROM_MPS), params.model.step_s)
+        lags = {
+            'steer_lag': vehicle.actuators.steer_lag_s,
+            'force_lag': vehicle.actuators.force_lag_s,
+        }
+        for name, value in lags.items():
+            if value is None:
+                raise ParameterError(
+                    f'model.servo_lag: is true, but car_file {params.car_file} does not have '
+                    f'actuators.{name}_s; allowed with a file of `identify` that has it'
+                )
+        car = car._replace(**lags)
+    return _with_stable_blend(car, params.model.step_s) if params.model.low_speed else car
 
 
 @lru_cache
 def _with_stable_blend(car, dt):
-    kinematic = stability.least_kinematic_speed(car, dt)
+    kinematic = stability.least_kinematic_speed(car._replace(kinematic_below=BLEND_FROM_MPS), dt)
     if not np.isfinite(kinematic):
         raise ParameterError(
             f'model.step_s: is {dt:g}, with which the prediction is unstable at every speed of the '
             'car of car_file; allowed shorter steps'
         )
-    return car._replace(kinematic=kinematic)
-
-
-def _lags(params, vehicle):
-    lags = ServoLags(vehicle.actuators.steer_lag_s, vehicle.actuators.force_lag_s)
-    for name, value in lags._asdict().items():
-        if value is None:
-            raise ParameterError(
-                f'model.servo_lag: is true, but car_file {params.car_file} does not have '
-                f'actuators.{name}_s; allowed with a file of `identify` that has it'
-            )
-    return lags
+    return car._replace(kinematic_below=kinematic)
 
 
 def with_friction(car: Car, friction: float, params: ControllerParams) -> Car:
@@ -169,11 +155,6 @@ def edge_distance(params: ControllerParams, half_width: np.ndarray) -> np.ndarra
     return np.clip(half_width - at_edge, LEAST_EDGE_M, params.safety.edge_m)
 
 
-def with_car(numbers: np.ndarray, car: Car) -> np.ndarray:
-    """Return the `constant_numbers` of another car, the first of them."""
-    return np.concatenate((car, numbers[len(car) :]))
-
-
 def size(params: ControllerParams) -> tuple[int, int]:
     """Return the numbers of vehicle circles and of obstacles in the problem."""
     return len(params.body.circle_offsets_m), params.surroundings.max_obstacles
@@ -195,10 +176,12 @@ class ConstantParameters:
         self.constants = constant_parameters(params, self.car, self.rules.terms)
         self.constant_numbers = constant_numbers(tuple(self.constants.values()))
 
-    def set_car(self, car: Car) -> None:
-        """Take another car into the parameters of the stages."""
-        self.car = self.constants['car'] = car
-        self.constant_numbers = with_car(self.constant_numbers, car)
+    def on_road(self, car: Car | None) -> tuple[dict[str, Any], np.ndarray]:
+        """Return constants and their numbers with another car, as on a road of other friction."""
+        if car is None or car is self.car:
+            return self.constants, self.constant_numbers
+        numbers = np.concatenate((car, self.constant_numbers[len(car) :]))
+        return self.constants | {'car': car}, numbers
 
 
 def obstacle_slots(params: ControllerParams, frame: DistanceFrame, scene: Scene, x: State):

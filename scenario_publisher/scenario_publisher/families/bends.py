@@ -40,11 +40,7 @@ def _bend(random, hard, side, name):
         return None
     # grip that the bend leaves to either side of the circle
     left_over = FRICTION * (1.0 - share**2) ** 0.5
-    shift = feasibility.shift_beside(size, offset)
-    can_pass = feasibility.lateral_shift(ahead_s, left_over) >= shift
-    if not hard and not (
-        can_pass or feasibility.can_stop(speed, speed * ahead_s - size, left_over)
-    ):
+    if not hard and not feasibility.can_pass_or_stop(speed, ahead_s, size, offset, left_over):
         return None
     lead_in, clothoid = speed * 1.2, speed * 1.5
     x = lead_in + clothoid + speed * into_s

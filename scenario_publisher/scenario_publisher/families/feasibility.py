@@ -44,6 +44,14 @@ def can_stop(speed: float, distance: float, friction: float, to_speed: float = 0
     return braking_distance(speed, friction, to_speed) + CAR_NOSE <= distance
 
 
+def can_pass_or_stop(
+    speed: float, ahead_s: float, radius: float, offset: float, friction: float
+) -> bool:
+    """Return whether a car can move aside of, or stop before, a disc that is `ahead_s` [s] away."""
+    can_pass = lateral_shift(ahead_s, friction) >= shift_beside(radius, offset)
+    return can_pass or can_stop(speed, speed * ahead_s - radius, friction)
+
+
 def can_follow_braking(
     speed: float, theirs: float, slow: float, deceleration: float, gap: float, friction: float
 ) -> bool:

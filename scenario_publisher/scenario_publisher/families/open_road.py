@@ -139,10 +139,7 @@ def _crossing(random, hard, speed, theirs, radius, who):
     at = random.uniform(-1.0, 1.0)
     begin = at - theirs * ahead_s
     x = speed * (seen_s + ahead_s)
-    distance = speed * ahead_s - radius
-    shift = feasibility.shift_beside(radius, at)
-    can_pass = feasibility.lateral_shift(ahead_s, FRICTION) >= shift
-    if not hard and not (can_pass or feasibility.can_stop(speed, distance, FRICTION)):
+    if not hard and not feasibility.can_pass_or_stop(speed, ahead_s, radius, at, FRICTION):
         return None
     return document_either_side(
         random,

@@ -29,11 +29,7 @@ def _patch(random, hard, offsets, what):
     ahead_s = random.uniform(1.2, 2.2) if hard else random.uniform(1.6, 3.5)
     x = begin + random.uniform(0.2, 0.9) * length
     radius, offset = random.uniform(0.4, 1.0), random.uniform(-1.0, 1.0)
-    shift = feasibility.shift_beside(radius, offset)
-    can_pass = feasibility.lateral_shift(ahead_s, friction) >= shift
-    if not hard and not (
-        can_pass or feasibility.can_stop(speed, speed * ahead_s - radius, friction)
-    ):
+    if not hard and not feasibility.can_pass_or_stop(speed, ahead_s, radius, offset, friction):
         return None
     patch = {
         'from_m': begin,

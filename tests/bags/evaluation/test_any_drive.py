@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from evaluated_drives import compare_drives
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -13,7 +14,6 @@ from hypothesis.extra.numpy import arrays
 from bags.errors import BagError
 from bags.evaluation import metrics
 from bags.evaluation.drive import Accelerations, Drive, Inputs, Motion, Obstacle, Ticks
-from bags.report.comparison import compare_drives
 
 MS, START_NS = 1_000_000, 1_000_000_000
 NONE = np.empty(0, dtype=np.int64)

@@ -5,12 +5,13 @@ import json
 
 import numpy as np
 import pytest
+from evaluated_drives import compare_drives
 from rich.console import Console
 
+from bags import metrics_table
 from bags.evaluation import geometry, metrics
 from bags.evaluation.drive import Obstacle, Ticks
-from bags.report import metrics_table
-from bags.report.comparison import compare_drives, show_comparison
+from bags.report.comparison import show_comparison
 from experiments.run import node_graph, run_and_compare
 
 LOST = ('lost', 'lost_how', 'lost_at_m')

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from evaluated_drives import evaluate_runs
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from bags.evaluation.drive import Obstacle
@@ -21,7 +22,7 @@ def enlarged(make_drive):
         scene = make_drive().scene._replace(obstacles=obstacles)
         item = make_drive(scene=scene)
         ax = comparison_figures.Figure().add_subplot()
-        panels.draw_v2o(ax, panels.evaluate_runs({'mpcc': item}))
+        panels.draw_v2o(ax, evaluate_runs({'mpcc': item}))
         return ax.child_axes
 
     return of

@@ -5,17 +5,17 @@ import json
 
 import numpy as np
 import pytest
+from evaluated_drives import compare_drives, evaluate_runs
 from rich.console import Console
 
-from bags import cli
+from bags import cli, metrics_table
 from bags.errors import BagError
 from bags.evaluation import metrics
 from bags.evaluation.drive import Obstacle
 from bags.evaluation.metrics.registry import METRICS
 from bags.figures import comparison_figures, panels, style
 from bags.report import comparison as comparison_module
-from bags.report import metrics_table
-from bags.report.comparison import compare_drives, show_comparison
+from bags.report.comparison import show_comparison
 from scenario_publisher.scenario import load as load_scenario
 
 DAMAGE = {'mpcc': 'mpcc_0.mcap: damaged at byte 7 (cut); read up to there'}
@@ -80,7 +80,7 @@ def test_the_file_holds_the_metrics_of_every_run_and_nothing_else(drives, compar
 
 
 def test_every_panel_and_the_sheet_are_drawn_as_png_and_svg(comparison):
-    wanted = {'comparison', *comparison_figures.NAMES.values()}
+    wanted = set(comparison_figures.ALL)
     assert {path.stem for path in comparison.figures} == wanted
     assert len(comparison.figures) == 2 * len(wanted)
     for path in comparison.figures:
@@ -100,37 +100,34 @@ def runs(make_runs, drives):
 
 
 def test_a_figure_shows_every_run_in_its_own_colour(runs):
-    colours = {run.colour for run in runs}
+    colours = {run.look.colour for run in runs}
     assert len(colours) == len(runs)
-    for panel in comparison_figures.NAMES:
+    for name, panel in comparison_figures.PANELS.items():
         axes = comparison_figures.Figure().add_subplot()
         panel(axes, runs)
         drawn = {line.get_color() for line in axes.get_lines()}
-        assert drawn >= colours, panel.__name__
+        assert drawn >= colours, name
         assert axes.get_xlabel()
         assert axes.get_ylabel()
         assert '[' in axes.get_xlabel()
 
 
 @pytest.mark.parametrize(
-    ('panel', 'marks'),
+    ('name', 'marks'),
     [
-        (
-            comparison_figures.draw_trajectories,
-            ['coarse path', 'within the safety distance', 'circles overlap'],
-        ),
-        (panels.draw_v2o, ['within the safety distance', 'circles overlap']),
-        (panels.draw_sideslip, []),
+        ('trajectories', ['coarse path', 'within the safety distance', 'circles overlap']),
+        ('v2o', ['within the safety distance', 'circles overlap']),
+        ('sideslip', []),
     ],
 )
-def test_a_legend_lists_what_its_panel_shows(runs, panel, marks):
-    (legend,) = comparison_figures._single(panel, runs).legends
+def test_a_legend_lists_what_its_panel_shows(runs, name, marks):
+    (legend,) = comparison_figures.draw_figure(name, runs, '').legends
     assert [text.get_text() for text in legend.get_texts()] == [run.name for run in runs] + marks
 
 
 def test_a_legend_of_long_names_is_within_the_figure(runs):
-    long = [run._replace(name=f'{run.name}_with_a_long_name_of_its_own') for run in runs]
-    figure = comparison_figures._single(panels.draw_v2o, long)
+    long = panels.assign({f'{run.name}_with_a_long_name_of_its_own': run for run in runs})
+    figure = comparison_figures.draw_figure('v2o', long, '')
     (legend,) = figure.legends
     figure.draw_without_rendering()
     box = legend.get_window_extent()
@@ -152,14 +149,14 @@ def test_a_moving_obstacle_and_the_car_are_drawn_with_their_times(runs, make_dri
     assert {'0.0 s', '1.2 s', '2.4 s'} <= times
     still = comparison_figures.Figure().add_subplot()
     item = make_drive()
-    comparison_figures.draw_trajectories(still, panels.evaluate_runs({'mpcc': item}))
+    comparison_figures.draw_trajectories(still, evaluate_runs({'mpcc': item}))
     assert not [text for text in still.texts if text.get_gid() == style.TIME_LABEL]
 
 
 def test_a_panel_of_obstacles_without_any_says_so(make_drive):
     item = make_drive()
     axes = comparison_figures.Figure().add_subplot()
-    panels.draw_v2o(axes, panels.evaluate_runs({'mpcc': item}))
+    panels.draw_v2o(axes, evaluate_runs({'mpcc': item}))
     assert 'no obstacle within 5 m' in {text.get_text() for text in axes.texts}
 
 
@@ -167,7 +164,8 @@ def test_small_changes_of_speed_look_small_and_accelerations_have_one_scale(runs
     speed, gg = comparison_figures.Figure().subplots(1, 2)
     motion = runs[0].drive.motion
     wavy = motion._replace(vx=20.0 + 0.1 * np.sin(motion.x))
-    panels.draw_velocity(speed, [runs[0]._replace(drive=runs[0].drive._replace(motion=wavy))])
+    wave = evaluate_runs({'mpcc': runs[0].drive._replace(motion=wavy)})
+    comparison_figures.PANELS['velocity'](speed, wave)
     assert np.ptp(speed.get_ylim()) == pytest.approx(panels.LEAST_SPANS['velocity'])
     panels.draw_gg(gg, runs)
     assert gg.get_xlim() == gg.get_ylim()

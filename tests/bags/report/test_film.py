@@ -4,24 +4,24 @@ import itertools
 
 import numpy as np
 import pytest
+from evaluated_drives import evaluate_runs
 from matplotlib.figure import Figure
 from PIL import Image
 
 from bags import cli
 from bags.errors import BagError
-from bags.evaluation.controller_log import EMPTY_LOG
 from bags.evaluation.drive import Obstacle
-from bags.figures import film, film_strip, panels
+from bags.figures import film
 from bags.figures.film import FilmOptions
 
 SHORT = FilmOptions(width_px=480, fps=10, begin_s=2.0, end_s=2.4)
 
 
 @pytest.fixture(scope='module')
-def gif(runs, logs, tmp_path_factory):
+def gif(runs, tmp_path_factory):
     """Return the path of a film of five frames."""
     out = tmp_path_factory.mktemp('film') / 'film.gif'
-    assert film.write_film(runs, logs, out, SHORT) == 5
+    assert film.write_film(runs, out, SHORT) == 5
     return out
 
 
@@ -42,48 +42,46 @@ def test_a_film_has_a_frame_per_step_and_keeps_the_time_of_the_drive(gif):
     assert gif.stat().st_size < 200_000
 
 
-def test_the_car_its_wheels_and_the_obstacles_are_where_the_bag_says(runs, logs):
+def test_the_car_its_wheels_and_the_obstacles_are_where_the_bag_says(runs):
     run = runs[0]
     panel, road = Figure().subplots(1, 2)
-    strip = film_strip.Strip(panel, road, run, logs[run.name])
+    strip = film.Strip(panel, road, run)
     strip.show(2.5)
     motion, outline = run.drive.motion, run.drive.facts.outline
     k = int(np.searchsorted(run.series.t, 2.5))
-    corners = strip.body.get_xy()
+    corners = strip.artists['body', 0].get_xy()
     assert corners[:, 0].max() == pytest.approx(motion.x[k] + outline.front, abs=0.01)
     assert corners[:, 0].min() == pytest.approx(motion.x[k] - outline.rear, abs=0.01)
     assert np.ptp(corners[:, 1]) == pytest.approx(outline.width, abs=0.01)
-    front, rear = strip.wheels[0].get_xy(), strip.wheels[-1].get_xy()
+    front, rear = (strip.artists['wheel', k].get_xy() for k in (0, 3))
     angles = [np.arctan2(*(xy[0] - xy[3])[::-1]) for xy in (front, rear)]
     steer = run.drive.inputs.steer[k]
     assert angles[0] == pytest.approx(steer, abs=1e-6) != pytest.approx(0.0, abs=1e-3)
     assert angles[1] == pytest.approx(0.0, abs=1e-6)
-    moving = strip.obstacles[1][1][0].center
+    moving = strip.artists['obstacle', run.drive.scene.obstacles[1].id].center
     assert moving == pytest.approx((20.0 + 5.0 * 2.5, 4.0), abs=0.3)
     # the camera: the car is at 0 along the road, the road's middle at 0 across
     at = strip.view.transform((motion.x[k], motion.y[k]))
     assert at == pytest.approx((0.0, motion.y[k]), abs=1e-6)
     assert strip.speed.get_text() == '72 km/h'
-    X, _ = strip.plan.get_data()
+    X, _ = strip.artists['plan', 0].get_data()
     assert X[0] == pytest.approx(motion.x[k], abs=0.01)
 
 
-def test_what_the_car_reacts_to_is_in_view(runs, logs, make_drive):
+def test_what_the_car_reacts_to_is_in_view(runs, make_drive):
     # a plan reaches 80 m ahead; someone comes from 9 m beside the middle of the road, 60 m ahead
-    plan = logs[runs[0].name].predictions[0]
+    plan = runs[0].log.predictions[0]
     far = plan._replace(X=plan.X[0] + np.linspace(0.0, 80.0, len(plan.X)))
-    log = logs[runs[0].name]._replace(predictions=[far])
+    log = runs[0].log._replace(predictions=[far])
     item = make_drive()
     still = np.zeros(101)
     coming = Obstacle(1, still + 60.0, np.linspace(9.0, 4.0, 101), still, still - 2.0, 0.4)
-    (run,) = panels.evaluate_runs(
-        {'mpcc': item._replace(scene=item.scene._replace(obstacles=(coming,)))}
-    )
+    (run,) = evaluate_runs({'mpcc': item._replace(scene=item.scene._replace(obstacles=(coming,)))})
     panel, road = Figure().subplots(1, 2)
-    window = film_strip.window([log])
-    strip = film_strip.Strip(panel, road, run, log, window)
+    run.log = log
+    strip = film.Strip(panel, road, run, film.window([run]))
     strip.show(0.0)
-    for point in ((far.X[-1], 0.0), strip.obstacles[0][1][0].center):
+    for point in ((far.X[-1], 0.0), strip.artists['obstacle', 1].center):
         x, y = strip.view.transform(point)
         assert road.get_xlim()[0] <= x <= road.get_xlim()[1] + 1e-6
         assert road.get_ylim()[0] <= y <= road.get_ylim()[1]
@@ -99,9 +97,9 @@ def test_the_camera_turns_with_the_road(make_drive):
     )
     x, y = np.column_stack([item.motion.x, item.motion.y]).dot(turned).T
     motion = item.motion._replace(x=x, y=y, yaw=item.motion.yaw + angle)
-    (run,) = panels.evaluate_runs({'mpcc': item._replace(motion=motion, scene=scene)})
+    (run,) = evaluate_runs({'mpcc': item._replace(motion=motion, scene=scene)})
     panel, road = Figure().subplots(1, 2)
-    strip = film_strip.Strip(panel, road, run, EMPTY_LOG)
+    strip = film.Strip(panel, road, run)
     strip.show(2.0)
     ahead = strip.view.transform(run.drive.scene.reference[60])
     assert ahead == pytest.approx((20.0, 0.0), abs=0.1)
@@ -127,7 +125,7 @@ def test_a_film_ends_with_the_longest_run_and_plays_at_any_speed(runs):
 )
 def test_what_gives_no_film_is_refused_with_the_reason(runs, tmp_path, name, options, said):
     with pytest.raises(BagError) as refused:
-        film.write_film(runs, {}, tmp_path / name, options)
+        film.write_film(runs, tmp_path / name, options)
     assert said in str(refused.value)
     assert list(tmp_path.iterdir()) == []
 
@@ -135,13 +133,13 @@ def test_what_gives_no_film_is_refused_with_the_reason(runs, tmp_path, name, opt
 def test_without_ffmpeg_a_video_is_refused_and_names_what_to_install(runs, tmp_path, monkeypatch):
     monkeypatch.setenv('PATH', str(tmp_path))
     with pytest.raises(BagError, match=r'needs the program ffmpeg.*apt install ffmpeg'):
-        film.write_film(runs, {}, tmp_path / 'film.mp4', SHORT)
+        film.write_film(runs, tmp_path / 'film.mp4', SHORT)
 
 
 @pytest.mark.needs('ffmpeg')
-def test_a_video_is_written_where_ffmpeg_is(runs, logs, tmp_path):
+def test_a_video_is_written_where_ffmpeg_is(runs, tmp_path):
     out = tmp_path / 'film.mp4'
-    assert film.write_film(runs, logs, out, SHORT) == 5
+    assert film.write_film(runs, out, SHORT) == 5
     assert out.read_bytes()[4:8] == b'ftyp'
 
 

@@ -3,8 +3,8 @@
 import csv
 import io
 
+from bags import metrics_table
 from bags.evaluation import metrics
-from bags.report import metrics_table
 
 
 def test_every_number_is_there_with_every_digit(make_drive):

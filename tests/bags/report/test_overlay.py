@@ -51,7 +51,7 @@ def test_units_are_converted_to_those_of_the_panels(tmp_path, runs):
 
 def test_every_column_belongs_to_a_panel():
     drawn = {panel.name for panel in page.PANELS} | {'gg_x'}
-    assert {column.signal for column in SIGNALS.values()} == drawn
+    assert {signal for signal, _ in SIGNALS.values()} == drawn
     assert not set(AXES) & set(SIGNALS)
 
 
@@ -95,7 +95,7 @@ def test_an_overlay_is_dotted_in_its_panels_and_nowhere_else(runs, overlay):
         lines = [line for ax in figure.axes for line in ax.get_lines()]
         assert (overlay.look.colour in {line.get_color() for line in lines}) == drawn
     assert overlay.look.dash == style.DOTTED
-    assert overlay.look.colour not in {run.colour for run in runs}
+    assert overlay.look.colour not in {run.look.colour for run in runs}
 
 
 def test_the_axis_grows_to_hold_the_overlay(runs, tmp_path):

@@ -1,5 +1,6 @@
 """Runs of several scenarios: found below a folder, in one table, one CSV file, one figure."""
 
+import copy
 import csv
 
 import pytest
@@ -25,9 +26,11 @@ def folder(tmp_path_factory, write_bag_into, drives):
 
 @pytest.fixture(scope='module')
 def rows(folder):
-    """Return the rows of the folder, one of them as if of another scenario."""
-    first, second = overview.read_rows(overview.find_bags([folder]))
-    return [first, second, first._replace(scenario='elsewhere')]
+    """Return the runs of the folder, one of them as if of another scenario."""
+    first, second = overview.read_runs(overview.find_bags([folder]))
+    third = copy.copy(first)
+    third.run_info = first.run_info | {'scenario': 'elsewhere'}
+    return [first, second, third]
 
 
 def test_bags_are_found_below_a_folder_and_given_ones_count_once(folder):
@@ -42,7 +45,7 @@ def test_a_folder_without_a_bag_is_refused(tmp_path):
 
 
 def test_the_metrics_are_those_of_the_comparison(rows, drives):
-    assert [row.run for row in rows[:2]] == ['mpcc', 'own']
+    assert [row.name for row in rows[:2]] == ['mpcc', 'own']
     wanted = metrics.compute_metrics(drives['mpcc'])
     for name in overview.SHOWN:
         assert rows[0].metrics[name] == pytest.approx(wanted[name], abs=1e-6)
@@ -74,7 +77,8 @@ def test_the_figure_has_a_mark_per_run_and_metric_that_is_a_number(rows):
 
 def test_runs_of_one_scenario_that_cannot_be_compared_are_named(rows):
     assert list(overview.unlike(rows)) == []
-    other = rows[1]._replace(info=rows[1].info | {'scenario_sha256': 'other'})
+    other = copy.copy(rows[1])
+    other.run_info = rows[1].run_info | {'scenario_sha256': 'other'}
     (line,) = overview.unlike([rows[0], other, rows[2]])
     assert "two versions of 'straight'" in line
 

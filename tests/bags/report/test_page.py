@@ -1,5 +1,6 @@
 """The report as a file: self-contained, small, escaped, complete."""
 
+import copy
 import json
 import re
 import time
@@ -10,11 +11,22 @@ import pytest
 
 from bags.errors import BagError
 from bags.evaluation import metrics
+from bags.evaluation.controller_log import EMPTY_LOG
 from bags.evaluation.descriptions import UNKNOWN, describe_runs, leading_comment
 from bags.report import animation, interactive_panels, page
 from bags.report.comparability import origin_rows, parameter_rows
 
 LIMIT_BYTES = 5_000_000
+
+
+def changed(run, name=None, log=None, run_info=None):
+    """Return a copy of a run with another name, log, or information in it."""
+    other = copy.copy(run)
+    other.name = name or run.name
+    other.log = log or run.log
+    if run_info is not None:
+        other.log = other.log._replace(run_info=run_info)
+    return other
 
 
 def test_it_fetches_nothing_and_is_small(report):
@@ -32,10 +44,9 @@ def test_a_page_of_two_runs_is_made_in_seconds(material):
 
 def test_names_and_notes_of_a_run_cannot_break_out_of_the_page(material):
     evil = '</script><b onclick="x">&'
-    run = material.runs[0]._replace(name=evil)
+    run = changed(material.runs[0], name=evil, run_info={'mode': evil})
     values = {'scenario': evil, 'runs': {evil: material.values['runs']['mpcc']}}
-    logs = {evil: material.logs['mpcc']._replace(run_info={'mode': evil})}
-    text = page.report_html(page.ReportData(values, [run], logs))
+    text = page.report_html(page.ReportData(values, [run]))
     assert evil not in text
     assert text.count('</script>') == page.report_html(material).count('</script>')
 
@@ -57,7 +68,8 @@ def test_what_differs_between_the_runs_is_marked(logs, report):
 
 
 def test_a_drive_without_notes_has_a_report_all_the_same(material):
-    text = page.report_html(material._replace(logs={}, claims=()))
+    silent = [changed(run, log=EMPTY_LOG) for run in material.runs]
+    text = page.report_html(material._replace(runs=silent, claims=()))
     assert 'id="manoeuvre"' in text
     assert 'id="claims"' not in text
     assert 'data-panel="v2o"' in text
@@ -65,7 +77,7 @@ def test_a_drive_without_notes_has_a_report_all_the_same(material):
     assert 'data-panel="friction_front"' not in text
 
 
-def test_the_film_is_where_the_drive_was(runs, logs):
+def test_the_film_is_where_the_drive_was(runs):
     t = animation.frame_times(runs)
     assert t[-1] >= runs[0].series.t[-1]
     run = runs[0]
@@ -73,19 +85,19 @@ def test_the_film_is_where_the_drive_was(runs, logs):
     k = np.searchsorted(run.series.t, t[100])
     assert car['x'][100] == pytest.approx(run.drive.motion.x[k], abs=1e-3)
     assert car['y'][100] == pytest.approx(run.drive.motion.y[k], abs=1e-3)
-    moving = animation.obstacle_frames(run.drive.scene, run.drive.motion.stamp_ns[0], t)
+    moving = animation.build_top_view(runs).obstacles
     assert moving['x'][:, 0] == pytest.approx(60.0)
     assert np.diff(moving['x'][:, 1]) == pytest.approx(5.0 * animation.FRAME_NS * 1e-9, abs=1e-4)
-    plans = animation.plan_rows(run, logs[run.name])
-    assert plans['x'].shape == (len(logs[run.name].predictions), 26)
+    plans = animation.plan_rows(run)
+    assert plans['x'].shape == (len(run.log.predictions), 26)
 
 
-def test_panels_carry_their_units(runs, logs):
+def test_panels_carry_their_units(runs):
     for panel in interactive_panels.PANELS:
         assert '[' in panel.axis or panel.axis == interactive_panels.FRICTION
         for run in runs:
-            curve = panel.curve(run, logs[run.name])
-            assert len(curve.stamp_ns) == len(curve.values), panel.name
+            stamp_ns, values = panel.curve(run)
+            assert len(stamp_ns) == len(values), panel.name
 
 
 def test_every_plot_has_a_key_with_every_run(runs, report):
@@ -96,7 +108,7 @@ def test_every_plot_has_a_key_with_every_run(runs, report):
         key = figure.partition('</figure>')[0]
         for run in runs:
             assert f'data-key="{run.name}"' in key
-            assert f'stroke="{run.colour}"' in key
+            assert f'stroke="{run.look.colour}"' in key
         if re.search('data-panel="v2[oe]', figure):
             assert 'within the safety distance' in key
 
@@ -113,8 +125,8 @@ def test_scenario_and_controllers_are_described_where_the_bag_does(material):
         'scenario_text': 'name: s\ndescription: Two cars < one road.\n',
         'controller_description': leading_comment('# A first line\n# and a second.\nbase: x\n'),
     }
-    logs = {name: log._replace(run_info=info) for name, log in material.logs.items()}
-    text = page.report_html(material._replace(logs=logs))
+    told = [changed(run, run_info=info) for run in material.runs]
+    text = page.report_html(material._replace(runs=told))
     assert '<p class="lead">Two cars &lt; one road.</p>' in text
     assert text.count('<dd>A first line and a second.</dd>') == len(material.runs)
     for broken in ('a: [', 'no mapping', ''):

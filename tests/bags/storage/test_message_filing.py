@@ -12,7 +12,6 @@ from bags.storage.message_filing import (
     LARGEST_AHEAD,
     LARGEST_WAIT,
     ClockError,
-    ClockQueue,
     Filing,
     SimulatedTime,
 )
@@ -197,7 +196,7 @@ def test_a_stamp_a_little_ahead_of_the_clock_is_kept_and_holds_nothing_back(fili
 
 
 def test_the_clock_is_heard_anew_before_a_stamp_is_called_one_of_the_future(filed):
-    time = SimulatedTime(lambda: time.advance(9 * S))
+    time = SimulatedTime(lambda: [(message(9 * S),)])
     time.advance(2 * S)
     topic = Filing(TOPIC, 'lockstep', lambda *row: filed.append(row), time=time)
     put(topic, 9 * S, WALL_NS)
@@ -249,27 +248,21 @@ def test_a_clock_that_is_heard_while_one_is_filed_is_filed_behind_it(filed):
         wire.extend(late)  # until somebody looks again
         late.clear()
 
-    clock = ClockQueue(arrived, lambda stamp_ns: time.advance(stamp_ns))
-    time = SimulatedTime(clock.listen)
+    time = SimulatedTime(arrived)
     filings = [
         Filing(topic, 'lockstep', lambda *row: filed.append(row), time=time)
         for topic in (TOPIC, CLOCK)
     ]
     put(filings[0], WALL_NS)  # waits for the first /clock, and makes it listen for a later one
     for _ in range(2):
-        for item in clock.take():
+        for item in time.take():
             filings[1].file(*item)
     assert times(filed)[1:] == [2 * S, 3 * S, 4 * S]
 
 
 def test_messages_of_a_topic_stay_in_order_where_the_clock_is_heard_between_them(filed):
-    heard = deque([None, 2 * S + 700_000_000])
-
-    def listen():
-        if (stamp_ns := heard.popleft()) is not None:
-            time.advance(stamp_ns)
-
-    time = SimulatedTime(listen)
+    heard = deque([[], [(message(2 * S + 700_000_000),)]])
+    time = SimulatedTime(heard.popleft)
     topic, clock = (
         Filing(topic, 'lockstep', write, time=time, publishes_clock=True)
         for topic, write in ((TOPIC, lambda *row: filed.append(row)), (CLOCK, lambda *row: None))

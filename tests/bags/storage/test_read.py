@@ -8,7 +8,7 @@ import pytest
 from bags.errors import BagError, DamagedBagWarning
 from bags.storage import read
 from bags.storage.bag_writer import BagWriter
-from bags.storage.columns import TOPICS, Values
+from bags.storage.columns import TOPICS, names
 from msgs_yaml import conversions, types
 
 
@@ -37,7 +37,7 @@ def test_columns_are_the_published_numbers_to_the_last_bit(bag_folder, messages,
     table = read.columns(bag_folder)[topic]
     assert table.stamp_ns.tolist() == [value.stamp_ns for value in messages[topic]]
     expected = zip(*map(fields_as_received, messages[topic]))
-    for name, column in zip(table._fields[2:], expected, strict=True):
+    for name, column in zip(names(topic)[2:], expected, strict=True):
         np.testing.assert_array_equal(getattr(table, name), np.array(column), err_msg=name)
 
 
@@ -61,7 +61,7 @@ def test_time_is_counted_from_the_first_state_on_every_topic(bag_folder):
 
 def test_only_the_topics_asked_for_are_read(bag_folder):
     assert list(read.columns(bag_folder, ['/clock'])) == ['/clock']
-    assert isinstance(read.columns(bag_folder, ['/clock'])['/clock'], Values)
+    assert hasattr(read.columns(bag_folder, ['/clock'])['/clock'], 'values')
 
 
 def test_facts_of_the_run_come_back_as_text(bag_folder):

@@ -89,8 +89,8 @@ def test_distributions_are_read(parse):
     [
         ('{unifrom: [0, 1]}', "unifrom: is no distribution; did you mean 'uniform'"),
         ('{uniform: [1, 0]}', 'uniform: is from 1 to 0; allowed .* low < high'),
-        ('{uniform: [1]}', 'uniform: has 1 values; allowed exactly 2'),
-        ('{uniform: [0, .inf]}', r'uniform\[1\]: is inf; allowed finite'),
+        ('{uniform: [1]}', 'uniform: has 1 elements; allowed exactly 2'),
+        ('{uniform: [0, .inf]}', r'uniform\[1\]: must be finite, is .inf'),
         ('{uniform: 3}', 'uniform: must be a list'),
         ('{log_uniform: [0, 1]}', 'log_uniform: begins at 0; allowed above 0'),
         ('{normal: [0, 1]}', 'within is missing'),

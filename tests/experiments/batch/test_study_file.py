@@ -29,7 +29,7 @@ from msgs_yaml import share
         ({'difficulty': 'hard'}, 'difficulty', 'no effect without families'),
         ({'draws': 3}, 'draws', 'no effect without draw or families'),
         ({'families': ['pop_up']}, 'draws', 'is missing'),
-        ({'families': ['popup'], 'draws': 3}, r'families\[0\]', "allowed 'pop_up' or"),
+        ({'families': ['popup'], 'draws': 3}, r'families\[0\]', 'allowed pop_up or'),
         ({'families': [], 'draws': 3}, 'families', 'at least one'),
         ({'draw': {'plant.friction': {'uniform': [0.5, 1.0]}}}, 'draws', 'is missing'),
         (

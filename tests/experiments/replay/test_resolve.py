@@ -92,27 +92,11 @@ def test_a_tick_can_be_solved_with_the_other_formulation(ask):
 def test_a_plan_that_is_rejected_is_reported_as_infeasible(ask):
     hurried = {
         'solver.max_iterations': 1,
-        'solver.fallback': 'none',
         'fallback.acceptable_residual': 1e-9,
     }
     answer = ask('mpcc', parameters=hurried)
     assert not answer.changed.is_feasible
     assert answer.changed.status == 'plan_not_feasible: iteration limit'
-
-
-def test_the_second_solver_is_used_when_the_first_one_fails(golden, problem):
-    class Broken:
-        def solve(self, *problem):
-            raise ValueError('broken')
-
-    other = problem.with_params(
-        *replayed_controller.recorded_params(golden('mpcc').run_info, {}, 'mpcc')
-    )
-    other.planner.solvers.first = Broken()
-    found = other.solve()
-    assert found.is_feasible
-    assert found.status.startswith('second_solver')
-    assert found.cost == pytest.approx(problem.solve().cost, rel=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -13,10 +13,11 @@ from mpcc_controller.driving.actuator_monitor import (
     STEER,
     STEER_RAD,
     ActuatorMonitor,
+    ActuatorState,
 )
 from mpcc_controller.driving.delay_compensation import SetpointRamp, constant_ramp
+from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
-from mpcc_controller.driving.tick import TickInputs
 from msgs_yaml import conformance, encode
 from msgs_yaml.types import Actuators
 
@@ -55,6 +56,17 @@ def message(stamp_ns, delta=0.0, force=0.0):
     return Actuators(stamp_ns, delta, 0.0, 0.6 * force, 0.4 * force, (0.0,) * 4)
 
 
+class Watch:
+    """A monitor with what it knows."""
+
+    def __init__(self, vehicle, start=None):
+        self.monitor, self.state = ActuatorMonitor(vehicle), ActuatorState(start)
+
+    def update(self, *arguments):
+        self.state = self.monitor.update(self.state, *arguments)
+        return self.state.check
+
+
 def watch(monitor, ramps, position_at, ticks):
     """Return the check of each tick; `position_at(k)` is (angle, force)."""
     return [
@@ -65,7 +77,7 @@ def watch(monitor, ramps, position_at, ticks):
 
 @pytest.fixture
 def monitor(vehicle):
-    return ActuatorMonitor(vehicle)
+    return Watch(vehicle)
 
 
 @pytest.mark.parametrize('delay_ms', [0, 60, 100])
@@ -87,7 +99,7 @@ def test_no_lag_and_no_short_delay_of_any_manoeuvre_is_a_fault(vehicle, delay_ms
             Servo(lag, damping).follow(np.interp(t - delay_ms * MS_S, knots, column))
             for lag, column in zip(lags, np.transpose(points))
         )
-        monitor, ramps = ActuatorMonitor(vehicle), ramps_through(points)
+        monitor, ramps = Watch(vehicle), ramps_through(points)
         at_ticks = list(zip(angle[::50], force[::50]))
         checks = watch(monitor, ramps, at_ticks.__getitem__, len(at_ticks))
         assert not any(check.faults for check in checks)
@@ -111,9 +123,9 @@ def test_three_ticks_are_not_enough(monitor):
     assert not any(check.faults for check in checks)
 
 
-def test_after_a_start_the_actuators_may_be_where_they_were(monitor):
+def test_after_a_start_the_actuators_may_be_where_they_were(vehicle):
     """The set-points are cut to the limits; the brakes still come from an emergency stop."""
-    monitor.reset(message(0, 0.0, -22e3))
+    monitor = Watch(vehicle, message(0, 0.0, -22e3))
     ramps = [constant_ramp(Setpoints(0.0, -17e3), 0.6)]
     checks = watch(monitor, ramps, lambda k: (0.0, -17e3 - 5e3 * 0.5**k), 10)
     assert not any(check.faults for check in checks)
@@ -123,11 +135,11 @@ def test_after_a_start_the_actuators_may_be_where_they_were(monitor):
 def test_a_topic_that_falls_silent_counts_as_one_that_nobody_publishes(monitor):
     ramps = [constant_ramp(REST, 0.6)]
     watch(monitor, ramps, lambda k: (0.1, 0.0), 8)
-    assert monitor.faults == (STEER,)
+    assert monitor.state.faults == (STEER,)
     held = monitor.update(None, ramps, 8 * TICK)
     assert (held.faults, held.age_s) == ((STEER,), None)
     assert monitor.update(None, ramps, 11 * TICK) is None
-    assert monitor.faults == ()
+    assert monitor.state.faults == ()
     assert monitor.update(message(8 * TICK, 0.1), ramps, 11 * TICK) is None, 'too old'
 
 
@@ -142,16 +154,16 @@ def test_a_message_that_was_compared_already_counts_once(monitor):
 def started(monitor, angle, force=0.0):
     """Return where a plan begins after a fault of the steering, or of the force."""
     watch(monitor, [constant_ramp(REST, 0.6)], lambda k: (angle, force), 8)
-    return monitor.faults
+    return monitor.state.faults
 
 
 def test_the_set_points_change_as_the_plan_does(monitor, car, params):
     """Of a steering that is off by an angle only this leads where the plan wants it."""
     assert started(monitor, 0.05) == (STEER,)
-    start = monitor.start(REST, params.limits)
+    start = monitor.state.begin(REST, params.limits)
     assert start == (0.05, 0.0)
     target = SetpointTarget(0.03, -500.0, 0.6)
-    sent = monitor.target_from(target, start, REST, car, params.limits, TICK_S)
+    sent = monitor.state.target_from(target, start, REST, car, params.limits, TICK_S)
     assert sent == (pytest.approx(-0.02), -500.0, 0.6)
 
 
@@ -159,9 +171,9 @@ def test_a_sticking_steering_is_not_asked_for_ever_more(monitor, car, params):
     assert started(monitor, 0.05) == (STEER,)
     now = REST
     for _ in range(20):
-        start = monitor.start(now, params.limits)
+        start = monitor.state.begin(now, params.limits)
         target = SetpointTarget(start.delta - 0.02, now.Fx, 0.6)
-        sent = monitor.target_from(target, start, now, car, params.limits, TICK_S)
+        sent = monitor.state.target_from(target, start, now, car, params.limits, TICK_S)
         now = Setpoints(sent.delta, sent.Fx)
     assert now.delta == pytest.approx(0.05 - LEAD_RAD)
 
@@ -169,13 +181,13 @@ def test_a_sticking_steering_is_not_asked_for_ever_more(monitor, car, params):
 def test_weak_brakes_are_asked_for_more_but_not_beyond_the_friction(monitor, car, params):
     assert started(monitor, 0.0, 3000.0) == (FORCE,)  # somebody drives while nobody asked for it
     now = Setpoints(0.0, -8000.0)
-    start = monitor.start(now, params.limits)
+    start = monitor.state.begin(now, params.limits)
     target = SetpointTarget(0.0, start.Fx - 1500.0, 0.6)
-    sent = monitor.target_from(target, start, now, car, params.limits, TICK_S)
+    sent = monitor.state.target_from(target, start, now, car, params.limits, TICK_S)
     assert sent.Fx == pytest.approx(-9500.0)
     for _ in range(20):
         target = SetpointTarget(0.0, start.Fx - 2000.0, 0.6)
-        sent = monitor.target_from(target, start, now, car, params.limits, TICK_S)
+        sent = monitor.state.target_from(target, start, now, car, params.limits, TICK_S)
         assert now.Fx - 2000.0 * 1.001 <= sent.Fx <= now.Fx + 20.0  # load transfer
         now = Setpoints(0.0, sent.Fx)
     weight = 9.81 * car.m
@@ -187,9 +199,9 @@ def test_weak_brakes_are_asked_for_more_but_not_beyond_the_friction(monitor, car
 def test_a_driving_force_is_not_asked_for_beyond_the_plan(monitor, car, params):
     """A driver brakes: the car does not drive against that."""
     assert started(monitor, 0.0, -6000.0) == (FORCE,)
-    start = monitor.start(REST, params.limits)
+    start = monitor.state.begin(REST, params.limits)
     target = SetpointTarget(0.0, -4000.0, 0.6)
-    sent = monitor.target_from(target, start, REST, car, params.limits, TICK_S)
+    sent = monitor.state.target_from(target, start, REST, car, params.limits, TICK_S)
     assert sent.Fx == 0.0
 
 
@@ -205,12 +217,12 @@ def test_the_report_tells_the_error_and_the_fault_and_the_plan_begins_there(cont
     assert 0.02 < why.values['actuators.steer_error_rad'] <= 0.08
     assert record.x0.delta == why.values['set_point.delta'] == 0.04
     assert record.decision.plan.X[0][-2] == pytest.approx(0.04)
-    text = controller.actuators.describe()
+    text = controller.memory.actuators.describe()
     assert 'steering angle 0.040 rad' in text
     assert 'force' not in text
     *_, why = world.tick(controller, world.rolling(X=18.0, stamp_ns=20 * TICK))
     assert not [name for name in why.values if name.startswith('actuators')]
-    assert controller.actuators.describe() == 'the actuators follow their set-points'
+    assert controller.memory.actuators.describe() == 'the actuators follow their set-points'
 
 
 def test_without_a_fault_a_controller_that_compares_answers_as_one_that_does_not(controller, world):

@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mpcc_controller.driving.candidate_choice import CandidateChooser, Outcome
-from mpcc_controller.driving.obstacle_passing import BEHIND, LEFT, RIGHT, are_opposed
+from mpcc_controller.driving import choose
+from mpcc_controller.driving.choose import Outcome
+from mpcc_controller.driving.ways import BEHIND, LEFT, RIGHT, are_opposed
 from stage_solver.solution import SOLVED, Solution
 from stage_solver.stage_problem import Plan
 
@@ -22,7 +23,18 @@ def outcome(cost, sides=LEFT_OF_1, rejection='', gap=0.3, off_road=0.0, later=0.
 
 @pytest.fixture
 def chooser(params):
-    return CandidateChooser(dataclasses.replace(params.candidates, hold_ticks=3))
+    return Chooser(dataclasses.replace(params.candidates, hold_ticks=3))
+
+
+class Chooser:
+    """Choices of successive ticks."""
+
+    def __init__(self, params):
+        self.params, self.hold = params, 0
+
+    def choose(self, outcomes, path_sides):
+        choice, self.hold = choose.choose(outcomes, path_sides, self.hold, self.params)
+        return choice
 
 
 def test_the_cheapest_plan_is_driven_when_it_is_cheaper_by_the_share(chooser):
@@ -42,7 +54,7 @@ def test_after_a_switch_the_larger_share_counts_for_the_ticks_of_the_parameter(c
     assert chooser.choose([followed, better], NO_SIDES).switched
     chosen = [chooser.choose([followed, better], NO_SIDES).chosen for _ in range(3)]
     assert chosen == [0, 0, 1]  # two ticks of the three are left after that of the switch
-    chooser.reset()
+    chooser.hold = 0
     assert chooser.choose([followed, better], NO_SIDES).chosen == 1
 
 
@@ -106,7 +118,7 @@ def test_the_side_of_the_coarse_path_wins_unless_the_other_is_cheaper_by_more(ch
     left, right = outcome(100.0), outcome(95.0, RIGHT_OF_1)
     assert chooser.choose([left, right], LEFT_OF_1).chosen == 0
     assert chooser.choose([left, outcome(85.0, RIGHT_OF_1)], LEFT_OF_1).chosen == 1
-    chooser.reset()
+    chooser.hold = 0
     assert chooser.choose([right, left], LEFT_OF_1).chosen == 1  # 104.5 against 100
 
 

@@ -5,12 +5,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mpcc_controller.driving.candidate_choice import Choice, Outcome
-from mpcc_controller.driving.candidate_guesses import Candidate
-from mpcc_controller.driving.candidate_plans import _few_new
+from mpcc_controller.driving import choose, planner
+from mpcc_controller.driving.choose import Candidacy, Candidate, Choice, Outcome, few_new
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.fallback import BRAKING
-from mpcc_controller.driving.obstacle_passing import LEFT, RIGHT
+from mpcc_controller.driving.ways import LEFT, RIGHT
 from mpcc_controller.model.single_track import State
 from msgs_yaml.types import Obstacle, Obstacles
 from stage_solver.solution import FAILED, SOLVED, Solution
@@ -98,9 +97,9 @@ def test_the_number_of_threads_does_not_change_a_bit(controller, world, monkeypa
         pop_up(controller)
         return world.drive(controller, 25)
 
-    assert len(controller.planner.solvers.parallel.solvers) >= 1
+    assert len(controller.parts.solvers.parallel.solvers) >= 1
     parallel = run()
-    solves = controller.planner.solvers.parallel
+    solves = controller.parts.solvers.parallel
     monkeypatch.setattr(solves, 'solvers', solves.solvers[:1])
     alone = run()
     assert parallel.commands == alone.commands
@@ -124,34 +123,28 @@ def test_when_the_followed_plan_fails_another_candidate_is_driven(controller, wo
     world.drive(controller, 3)
     pop_up(controller)
     fail = world.ModifiedSolver(
-        controller.planner.solvers.first, lambda s: s._replace(status=FAILED, cost=np.nan)
+        controller.parts.solvers.first, lambda s: s._replace(status=FAILED, cost=np.nan)
     )
-    monkeypatch.setattr(controller.planner.solvers, 'first', fail)
-    second = world.ModifiedSolver(controller.planner.solvers.second)
-    monkeypatch.setattr(controller.planner.solvers, 'second', second)
+    monkeypatch.setattr(controller.parts.solvers, 'first', fail)
     _, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
     assert why.values['rung'] == SOLVED
     assert why.values['candidates.chosen'] > 0
     assert why.values['candidates.0.status'] == 'solver_failed'
-    assert second.guesses == []  # it runs only where all candidates failed
 
 
-def test_when_all_candidates_fail_the_second_solver_runs(controller, world, monkeypatch):
+def test_when_all_candidates_fail_the_last_plan_goes_on(controller, world, monkeypatch):
     world.drive(controller, 3)
     pop_up(controller, Obstacle(1, 40.0, 2.2, 1.0, 0.0, 0.0))  # near, but beside the path
 
     def failing(solver):
         return world.ModifiedSolver(solver, lambda s: s._replace(status=FAILED, cost=np.nan))
 
-    planner = controller.planner
-    second = world.ModifiedSolver(planner.solvers.second)
-    monkeypatch.setattr(planner.solvers, 'second', second)
-    monkeypatch.setattr(planner.solvers, 'first', failing(planner.solvers.first))
-    solvers = [failing(solver) for solver in planner.solvers.parallel.solvers]
-    monkeypatch.setattr(planner.solvers.parallel, 'solvers', solvers)
+    solvers = controller.parts.solvers
+    monkeypatch.setattr(solvers, 'first', failing(solvers.first))
+    others = [failing(solver) for solver in solvers.parallel.solvers]
+    monkeypatch.setattr(solvers.parallel, 'solvers', others)
     _, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
-    assert len(second.guesses) == 1
-    assert why.values['rung'] == 'second_solver'
+    assert why.values['rung'] == 'shifted'
 
 
 def test_a_solver_that_raises_in_a_thread_is_a_candidate_that_failed(
@@ -163,9 +156,9 @@ def test_a_solver_that_raises_in_a_thread_is_a_candidate_that_failed(
     def explode(solution):
         raise RuntimeError('no memory')
 
-    planner = controller.planner
-    solvers = [world.ModifiedSolver(solver, explode) for solver in planner.solvers.parallel.solvers]
-    monkeypatch.setattr(planner.solvers.parallel, 'solvers', solvers)
+    solvers = controller.parts.solvers
+    others = [world.ModifiedSolver(solver, explode) for solver in solvers.parallel.solvers]
+    monkeypatch.setattr(solvers.parallel, 'solvers', others)
     _, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
     assert why.values['candidates.0.status'] == SOLVED
     assert why.values['candidates.chosen'] == 0
@@ -175,8 +168,10 @@ def test_a_solver_that_raises_in_a_thread_is_a_candidate_that_failed(
 def test_braking_forgets_the_plans_that_were_kept(controller, world):
     pop_up(controller)
     world.drive(controller, 3)
-    assert controller.planner.brake('test').level == BRAKING
-    assert controller.planner.alternatives._kept == []
+    assert controller.memory.candidacy.kept
+    memory, decision = planner.brake(controller.memory, 'test')
+    assert decision.level == BRAKING
+    assert memory.candidacy == Candidacy()
 
 
 def test_an_oncoming_car_is_passed_that_one_plan_brakes_for(controller, shared_controller, world):
@@ -221,9 +216,8 @@ def test_a_car_before_a_closed_road_brakes_and_does_not_drive_on_through_it(worl
     assert forces[-1] < -12e3
 
 
-@pytest.mark.parametrize('level', ['second_solver', 'shifted'])
-def test_no_level_of_the_fallback_drives_a_plan_that_touches(world, level):
-    """The wall closes the road; the solvers that fail leave the plan of a lower level."""
+def test_the_last_plan_is_not_driven_where_it_touches(world):
+    """The wall closes the road, and all solvers fail."""
     controller = world.set_inputs(
         Controller(*world.load(candidates__most=4)), world.straight(left=6.0, right=-2.5)
     )
@@ -234,74 +228,73 @@ def test_no_level_of_the_fallback_drives_a_plan_that_touches(world, level):
     def failing(solver):
         return world.ModifiedSolver(solver, lambda s: s._replace(status=FAILED, cost=np.nan))
 
-    solvers = controller.planner.solvers
+    solvers = controller.parts.solvers
     solvers.first = failing(solvers.first)
     solvers.parallel.solvers = [failing(solver) for solver in solvers.parallel.solvers]
-    solvers.second = (failing if level == 'shifted' else world.ModifiedSolver)(solvers.second)
     command, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
-    assert solvers.second.solutions
     assert (why.values['rung'], why.values['reason']) == (BRAKING, 'plan_touches')
     assert command.Fxf + command.Fxr < -1000.0
 
 
 def test_what_is_remembered_of_useless_guesses_does_not_grow_without_bound(several):
-    plans = several.planner.alternatives
-    plans.reset()
+    rules, known, driven = several.params.candidates, Candidacy(), outcome_of(LEFT, 9.0)
     for key in range(1000):
+        useless = outcome_of(LEFT, 10.0)._replace(name=f'left of {key}')
         for _ in range(3):
-            plans._wait(f'left of {key}')
-    assert len(plans._attempts) <= 64
-    assert plans._waits['left of 999'] == 4 * plans.prediction.params.candidates.retry_ticks
+            known = choose.keep_new_ways(known, driven, [useless], rules)
+    assert len(known.waits) <= 64
+    assert known.waits['left of 999'] == (4 * rules.retry_ticks, 3)
 
 
-def test_a_dear_plan_rests_and_is_solved_again_with_its_multipliers(controller, world):
+def watch_proposals(monkeypatch, note):
+    """Call `note` with what is known before a proposal, and what it returns."""
+    propose = choose.propose
+
+    def watched(known, *arguments):
+        result = propose(known, *arguments)
+        note(known, *result)
+        return result
+
+    monkeypatch.setattr(choose, 'propose', watched)
+
+
+def test_a_dear_plan_rests_and_is_solved_again_with_its_multipliers(controller, world, monkeypatch):
     """To pass on the far side is dear: it is compared in every third tick."""
     world.set_inputs(controller, world.straight())
     pop_up(controller, Obstacle(1, 30.0, 0.5, 1.0, 0.0, 0.0))
-    plans, solved, rested = controller.planner.alternatives, [], 0
-    propose = plans.propose
+    solved, rested = [], []
 
-    def recorded(*arguments):
-        nonlocal rested
-        before = {kept.name: kept for kept in plans._kept}
-        found = propose(*arguments)
-        for candidate in found:
+    def note(known, after, around, proposed):
+        before = {kept.name: kept for kept in known.kept}
+        for candidate in proposed:
             if candidate.name in before:
                 assert not before[candidate.name].rests
                 assert candidate.guess.multipliers is not None
                 solved.append(candidate.name)
-        rested += len(plans._kept)
-        return found
+        rested.extend(after.kept)
 
-    plans.propose = recorded
-    try:
-        world.drive(controller, 12)
-    finally:
-        del plans.propose
-    assert rested > len(solved) > 0
+    watch_proposals(monkeypatch, note)
+    world.drive(controller, 12)
+    assert len(rested) > len(solved) > 0
 
 
 def test_of_two_plans_of_one_way_the_one_that_is_cheaper_in_the_end_is_kept(several):
-    plans = several.planner.alternatives
-    plans.reset()
-    outcomes = []
-    for side, cost, later in ((LEFT, 80.0, 0.0), (RIGHT, 90.0, 30.0), (RIGHT, 100.0, 5.0)):
-        plan = Plan(np.zeros((3, 9)), np.zeros((2, 4)), None)
-        solution = Solution(plan, cost, SOLVED, '', 5, 0.0, 0.0, 0.0)
-        outcomes.append(Outcome('way', None, solution, '', {1: side}, 0.3, 0.0, later=later))
-    plans._keep(Choice(tuple(outcomes), 0, False))
-    (kept,) = plans._kept
+    outcomes = [
+        outcome_of(side, cost)._replace(later=later)
+        for side, cost, later in ((LEFT, 80.0, 0.0), (RIGHT, 90.0, 30.0), (RIGHT, 100.0, 5.0))
+    ]
+    choice = Choice(tuple(outcomes), 0, False)
+    (kept,) = choose.keep(Candidacy(), choice, several.params.candidates).kept
     assert kept.plan is outcomes[2].solution.plan
-    plans.reset()
 
 
 def test_of_new_guesses_two_are_solved_in_a_tick_and_the_braking_one_first():
     new, old = (Plan(np.zeros((3, 9)), np.zeros((2, 4)), m) for m in (None, object()))
     ways = [Candidate(f'left of {key}', new) for key in range(3)]
     kept, brake = Candidate('right of 1', old), Candidate('brake', new)
-    assert _few_new([ways[0], kept, ways[1], ways[2]]) == [ways[0], kept, ways[1]]
-    assert _few_new([ways[0], kept, ways[1], brake]) == [ways[0], kept, brake]
-    assert _few_new([kept, brake]) == [kept, brake]
+    assert few_new([ways[0], kept, ways[1], ways[2]]) == [ways[0], kept, ways[1]]
+    assert few_new([ways[0], kept, ways[1], brake]) == [ways[0], kept, brake]
+    assert few_new([kept, brake]) == [kept, brake]
 
 
 def explorer_at_20_mps(exploring, world):
@@ -312,29 +305,25 @@ def explorer_at_20_mps(exploring, world):
     return controller
 
 
-def test_after_the_first_tick_new_guesses_are_solved_after_the_command(exploring, world):
+def test_after_the_first_tick_new_guesses_are_solved_after_the_command(
+    exploring, world, monkeypatch
+):
     """An obstacle in the lane is compared at once; later ticks compare solved plans only."""
     controller = explorer_at_20_mps(exploring, world)
     pop_up(controller, Obstacle(1, 40.0, 1.0, 1.0, 0.0, 0.0), FAR)
-    plans, explored, compared = controller.planner.alternatives, [], []
+    explored, compared = [], []
     roll(controller, world, 1)
-    propose = plans.propose
 
-    def recorded(*arguments):
-        found = propose(*arguments)
-        compared.extend(candidate.guess.multipliers is not None for candidate in found)
-        return found
+    def note(known, after, around, proposed):
+        compared.extend(not candidate.is_new for candidate in proposed)
+        explored.extend(candidate.name for candidate in after.postponed)
 
-    plans.propose = recorded
-    try:
-        for _ in range(8):
-            roll(controller, world, 1, prepares=False)
-            explored += [outcome.name for outcome in controller.planner.explore()]
-    finally:
-        del plans.propose
+    watch_proposals(monkeypatch, note)
+    roll(controller, world, 8)
     assert compared
     assert all(compared)
     assert 'brake' in explored
+    assert controller.memory.candidacy.kept
 
 
 def outcome_of(side, cost):
@@ -344,23 +333,21 @@ def outcome_of(side, cost):
 
 
 def test_of_what_was_explored_ways_without_a_plan_are_kept(exploring):
-    plans = exploring.planner.alternatives
-    plans.reset()
+    rules = exploring.params.candidates
     driven, same, other = outcome_of(LEFT, 9.0), outcome_of(LEFT, 5.0), outcome_of(RIGHT, 10.0)
-    plans.keep_explored(driven, [same, other])
-    (kept,) = plans._kept
+    known = choose.keep_new_ways(Candidacy(), driven, [same, other], rules)
+    (kept,) = known.kept
     assert kept.plan is other.solution.plan
-    plans.keep_explored(driven, [outcome_of(RIGHT, 8.0)])  # there is one of this way already
-    assert plans._kept == [kept]
-    plans.reset()
+    # there is one of this way already
+    assert choose.keep_new_ways(known, driven, [outcome_of(RIGHT, 8.0)], rules).kept == (kept,)
 
 
 def test_guesses_that_were_put_off_are_dropped_with_their_tick(exploring, world):
     controller = explorer_at_20_mps(exploring, world)
     pop_up(controller, BESIDE, FAR)
     roll(controller, world, 1, prepares=False)
-    controller.planner.brake('test')
-    assert controller.planner.explore() == []
+    braked, _ = planner.brake(controller.memory, 'test')
+    assert planner.explore(braked, controller.parts) is braked
 
 
 def test_a_tick_whose_followed_plan_touches_does_not_wait(exploring, world):
@@ -373,13 +360,13 @@ def test_a_tick_whose_followed_plan_touches_does_not_wait(exploring, world):
 def test_a_solver_that_fails_after_the_command_costs_the_guess_only(exploring, world, monkeypatch):
     controller = explorer_at_20_mps(exploring, world)
     pop_up(controller, BESIDE, FAR)
-    planner = controller.planner
+    solvers = controller.parts.solvers
 
     def explode(solution):
         raise RuntimeError('no memory')
 
-    solves = planner.solvers.parallel
+    solves = solvers.parallel
     failing = [world.ModifiedSolver(solver, explode) for solver in solves.solvers]
     monkeypatch.setattr(solves, 'solvers', failing)
     assert [why.values['rung'] for why in roll(controller, world, 2)] == [SOLVED, SOLVED]
-    assert planner.alternatives._kept == []
+    assert controller.memory.candidacy.kept == ()

@@ -5,9 +5,8 @@ import pytest
 
 from mpcc_controller.driving import delay_compensation
 from mpcc_controller.driving.delay_compensation import (
-    LatencyEstimator,
     SetpointRamp,
-    StatePredictor,
+    expected_delay,
 )
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.parameters import Delay
@@ -18,7 +17,17 @@ REST = delay_compensation.constant_ramp(Setpoints(0.0, 0.0), 0.6)
 
 @pytest.fixture(scope='module')
 def predictor(car):
-    return StatePredictor(car)
+    return Predictor(car)
+
+
+class Predictor:
+    """Predicts the motion of a car."""
+
+    def __init__(self, car):
+        self.car = car
+
+    def predict(self, x, ramps, stamp_ns):
+        return delay_compensation.predict(x, ramps, stamp_ns, self.car)
 
 
 def test_without_a_delay_the_state_stays_as_it_is(predictor, world):
@@ -94,19 +103,14 @@ RULES = Delay(computing_s=0.01, transport_s=0.001, longest_s=0.05, command_s=Non
 
 
 def test_the_delay_is_the_sum_of_age_computing_time_and_transport_time():
-    latency = LatencyEstimator(RULES)
-    assert latency.estimate(0.002) == pytest.approx(0.002 + 0.01 + 0.001)
-    for took in (0.004, 0.003, 0.1):  # an interrupted solve does not change the estimate
-        latency.add(took)
-    assert latency.estimate(0.0) == pytest.approx(0.004 + 0.001)
-    for _ in range(20):
-        latency.add(0.02)
-    assert latency.estimate(0.0) == pytest.approx(0.021)
+    assert expected_delay((), 0.002, RULES) == pytest.approx(0.002 + 0.01 + 0.001)
+    # an interrupted solve does not change the estimate
+    assert expected_delay((0.004, 0.003, 0.1), 0.0, RULES) == pytest.approx(0.004 + 0.001)
 
 
 def test_the_delay_is_at_most_a_tick_and_never_negative():
-    assert LatencyEstimator(RULES).estimate(0.2) == 0.05
-    assert LatencyEstimator(RULES).estimate(-1.0) == 0.0
+    assert expected_delay((), 0.2, RULES) == 0.05
+    assert expected_delay((), -1.0, RULES) == 0.0
 
 
 HERE, THERE = Setpoints(0.0, 0.0), Setpoints(0.1, -1000.0)

@@ -1,6 +1,7 @@
 """The substitute command after a rejection by the gate."""
 
 from mpcc_controller.driving.fallback import BRAKING
+from mpcc_controller.driving.gate import Gate
 from msgs_yaml import conformance, encode
 
 TICK = 50_000_000
@@ -35,7 +36,7 @@ def test_after_a_second_rejection_the_last_command_is_held(
 ):
     before, _, _ = world.tick(controller, world.rolling(X=45.0, Y=-0.5))
     modify_solver(jump)
-    monkeypatch.setattr(controller.gate, '_in_rate', lambda command, last: False)
+    monkeypatch.setattr(Gate, '_in_rate', lambda self, command, last: False)
     command, _, why = world.tick(controller, world.rolling(X=46.0, Y=-0.5, stamp_ns=TICK))
     assert (why.values['gate'], why.values['gate.rejections']) == ('too_fast', 2)
     assert (command.delta, command.d_delta) == (before.delta, 0.0)

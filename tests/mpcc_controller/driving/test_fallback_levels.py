@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from mpcc_controller.driving import solver_selection, tick_solvers
-from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.fallback import BRAKING, SECOND_SOLVER, SHIFTED
-from mpcc_controller.driving.tick import TickInputs, unknown_state
+from mpcc_controller.driving.fallback import BRAKING, SHIFTED
+from mpcc_controller.driving.records import TickInputs, unknown_state
 from msgs_yaml import conformance, encode
 from stage_solver.solution import FAILED, SOLVED, STOPPED_EARLY
 
@@ -15,14 +13,6 @@ TICK = 50_000_000
 
 def fail(solution):
     return solution._replace(status=FAILED)
-
-
-def not_finite(solution):
-    return solution._replace(plan=solution.plan._replace(U=solution.plan.U * np.nan))
-
-
-def rough(solution):
-    return solution._replace(status=STOPPED_EARLY, primal_residual=0.5)
 
 
 def early(solution):
@@ -44,72 +34,6 @@ def test_level_2_a_plan_stopped_early_that_is_good_enough(controller, world, mod
     assert level_and_reason(controller, world.rolling(X=25.0)) == (STOPPED_EARLY, 'good_enough')
 
 
-@pytest.mark.parametrize(
-    ('modify', 'reason'),
-    [(fail, 'solver_failed'), (not_finite, 'plan_not_finite'), (rough, 'plan_not_feasible')],
-)
-def test_level_3_the_plan_of_the_second_solver(controller, world, modify_solver, modify, reason):
-    modify_solver(modify)
-    modify_solver(lambda s: s._replace(solve_s=0.03, cpu_s=0.02, iterations=7), 'second')
-    command, _, why = world.tick(controller, world.rolling(X=25.0))
-    v = why.values
-    assert (v['rung'], v['reason']) == (SECOND_SOLVER, reason)
-    assert (v['fallback.status'], v['fallback.iterations']) == (SOLVED, 7)
-    assert v['plan.failures'] == 1
-    # its time is part of the solve time and is reported separately
-    assert v['time.fallback_ms'] == pytest.approx(30.0)
-    first = controller.planner.solvers.first.solutions[-1]
-    assert v['time.solve_ms'] == pytest.approx(30.0 + 1e3 * first.solve_s)
-    assert v['time.solve_cpu_ms'] == pytest.approx(20.0 + 1e3 * first.cpu_s)
-    plan = controller.planner.solvers.second.solutions[-1].plan
-    assert command.delta == plan.X[1, 7]
-    assert 'cost.total' in v
-
-
-def test_the_second_solver_runs_only_after_a_failure_of_the_first(controller, world, modify_solver):
-    second = modify_solver(lambda s: s, 'second')
-    *_, why = world.tick(controller, world.rolling(X=25.0))
-    assert not second.guesses
-    assert not any(name.startswith(('fallback.', 'time.fallback')) for name in why.values)
-
-
-def test_the_second_solver_differs_from_the_first_or_there_is_none(world):
-    params, vehicle = world.load(
-        solver__name='fatrop', solver__fallback='fatrop', solver__compiled=False
-    )
-    assert Controller(params, vehicle).planner.solvers.second is None
-    params, vehicle = world.load(
-        solver__name='ipopt', solver__fallback='fatrop', solver__compiled=False
-    )
-    controller = world.set_inputs(Controller(params, vehicle), world.lane_change())
-    controller.planner.solvers.first = world.ModifiedSolver(controller.planner.solvers.first, fail)
-    assert level_and_reason(controller, world.rolling(X=25.0)) == (SECOND_SOLVER, 'solver_failed')
-    params, vehicle = world.load(
-        solver__name='ipopt', solver__fallback='none', solver__compiled=False
-    )
-    assert Controller(params, vehicle).planner.solvers.second is None
-
-
-def test_both_solvers_share_the_time_limit_of_the_fallback(world, monkeypatch):
-    solver_options = []
-
-    def make(problem, options):
-        solver_options.append(options)
-        return options  # has the name of the solver
-
-    for module in (tick_solvers, solver_selection):
-        monkeypatch.setattr(module, 'make_solver', make)
-    params, vehicle = world.load(solver__name='ipopt')
-    Controller(params, vehicle, limit_time=True)
-    Controller(params, vehicle)
-    assert [(options.name, options.time_limit_s) for options in solver_options] == [
-        ('ipopt', 0.02),
-        ('fatrop', pytest.approx(0.02)),
-        ('ipopt', None),
-        ('fatrop', None),
-    ]
-
-
 def test_a_solver_that_raises_counts_as_failed(controller, world, modify_solver):
     def raise_(solution):
         raise RuntimeError('nobody expected this')
@@ -123,12 +47,12 @@ def test_a_solver_that_raises_counts_as_failed(controller, world, modify_solver)
     assert not conformance.check('/controller/why', encode.why(why))
 
 
-def test_level_4_the_shifted_plan_for_five_ticks_then_level_5_braking(
+def test_level_3_the_shifted_plan_for_five_ticks_then_level_5_braking(
     controller, world, modify_solver
 ):
     x = world.rolling(X=25.0)
     world.tick(controller, x)
-    planned = controller.planner.fallback.plan.X[:, 7]
+    planned = controller.memory.plans.plan.X[:, 7]
     modify_solver(fail)
     decisions, commands, whys = [], [], []
     for k in range(1, 8):
@@ -141,7 +65,7 @@ def test_level_4_the_shifted_plan_for_five_ticks_then_level_5_braking(
     assert [c.delta for c in commands[:5]] == pytest.approx(planned[2:7], abs=1e-9)
     assert [v.get('guide') for v in whys] == [None] * 5 + ['plan'] * 2
     assert commands[6].Fxf + commands[6].Fxr < commands[5].Fxf + commands[5].Fxr < 0
-    assert not controller.gate.rejections
+    assert not controller.memory.rejections
 
 
 def test_level_5_without_a_plan_the_car_brakes_along_the_path(controller, world, modify_solver):
@@ -204,7 +128,7 @@ def test_without_a_finite_state_the_plan_is_followed_for_five_ticks_then_braked_
     controller, world
 ):
     world.tick(controller, world.rolling(X=40.0))
-    planned = controller.planner.fallback.plan.X[:, 7]
+    planned = controller.memory.plans.plan.X[:, 7]
     commands, decisions = [], []
     for k in range(1, 8):
         command, prediction, why = world.tick(controller, unknown_state(k * TICK))

@@ -42,7 +42,7 @@ def test_in_closed_loop_it_changes_lane_past_the_obstacle(controller, world):
 def test_a_failure_follows_the_last_plan_in_the_map(controller, world, monkeypatch):
     world.set_inputs(controller, world.lane_change())
     first = world.tick(controller, world.rolling(X=40.0))[1]
-    inner = controller.planner.solvers.first
+    inner = controller.parts.solvers.first
 
     class Failing:
         """Returns the last iterate with the status of a failure."""
@@ -50,8 +50,7 @@ def test_a_failure_follows_the_last_plan_in_the_map(controller, world, monkeypat
         def solve(self, *numbers):
             return inner.solve(*numbers)._replace(status=FAILED)
 
-    monkeypatch.setattr(controller.planner.solvers, 'first', Failing())
-    monkeypatch.setattr(controller.planner.solvers, 'second', None, raising=False)
+    monkeypatch.setattr(controller.parts.solvers, 'first', Failing())
     state = world.rolling(X=41.0, stamp_ns=50_000_000)
     _, second, why = world.tick(controller, state)
     assert why.values['rung'] == SHIFTED

@@ -1,5 +1,6 @@
 """The friction of the road follows from the motion: where tyres are used, and only there."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -47,14 +48,27 @@ def nominal(world):
 
 @pytest.fixture(scope='module')
 def estimator_(nominal):
-    """Return one estimator for all tests, as at its start."""
+    """Return a function that returns an estimate at its start; it is built once."""
     shared = FrictionEstimator(RULES, nominal, 1.0)
+    return lambda: Estimate(shared)
 
-    def at_start():
-        shared.reset()
-        return shared
 
-    return at_start
+class Estimate:
+    """An estimator with what it has learnt."""
+
+    def __init__(self, estimator):
+        self.estimator, self.memory = estimator, estimator.start
+
+    def update(self, x, ramps):
+        self.memory = self.estimator.update(self.memory, x, ramps)
+        return self.belief
+
+    def filtered(self, x):
+        return self.estimator.filtered(self.memory, x)
+
+    @property
+    def belief(self):
+        return self.estimator.belief(self.memory)
 
 
 def drive(world, car, friction, targets, speed=20.0):
@@ -228,25 +242,24 @@ def estimating(world):
 def test_plans_bounds_and_brakes_take_the_believed_friction(world, estimating, nominal):
     world.set_inputs(estimating, world.lane_change())
     for x, ramps in drive(world, nominal, 0.5, swerve()):
-        estimating.ramps = tuple(ramps)
+        estimating.memory = replace(estimating.memory, ramps=tuple(ramps))
         _, _, why = world.tick(estimating, x)
     believed = why.values['friction.estimate']
     assert 0.4 < believed < 0.6
     assert estimating.car.mu_f == pytest.approx(believed * nominal.mu_f)
-    problem = estimating.planner.last_problem
+    problem = estimating.memory.solved.problem
     assert problem.parameters.stages.car == estimating.car
-    names = estimating.planner.prediction.problem.parameters
+    names = estimating.parts.model.problem.parameters
     assert np.all(problem.parameters.P[:, names.index('car.mu_r')] == estimating.car.mu_r)
     # the last line of defence keeps to what the road may at most have
-    assert estimating.gate.car == nominal
+    assert estimating.parts.gate.car == nominal
 
 
 @pytest.mark.parametrize(('believed', 'braked_with'), [(0.4, 0.46), (0.8, 0.92), (0.95, 1.0)])
 def test_braking_without_a_plan_probes_a_little_beyond_the_belief(
     estimating, nominal, believed, braked_with
 ):
-    estimating.planner.prediction.believe(believed)
-    car = estimating.planner.prediction.car_to_brake
+    car = estimating.parts.model.car_to_brake(believed)
     assert (car.mu_f, car.mu_r) == pytest.approx(
         (braked_with * nominal.mu_f, braked_with * nominal.mu_r)
     )

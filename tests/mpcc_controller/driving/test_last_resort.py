@@ -39,8 +39,8 @@ def test_the_command_passes_the_gate_whatever_the_state_is(
     command = brake(x, last, line, car, params)
     gate = Gate(params.limits, car, STEP_S, 0.2)
     # what the last command asks of an axle beyond its friction takes time to release
-    if gate.check(last._replace(stamp_ns=1), last, 0.0).reason == '':
-        assert gate.check(command, last, 0.0).reason == ''
+    if gate.check(last._replace(stamp_ns=1), last, 0.0, car).reason == '':
+        assert gate.check(command, last, 0.0, car).reason == ''
     assert all(math.isfinite(value) for value in command)
     assert command.Fxf + command.Fxr <= max(force, 0.0)
 

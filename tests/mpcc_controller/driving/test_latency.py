@@ -1,18 +1,20 @@
 """Realtime: the plan starts at the state predicted with the setpoints already sent."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.delay_compensation import (
-    StatePredictor,
     constant_ramp,
+    predict,
     setpoints_at,
     still_needed,
 )
 from mpcc_controller.driving.friction_estimate import FrictionBelief
+from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.driving.setpoints import Setpoints
-from mpcc_controller.driving.tick import TickInputs
 from mpcc_controller.model.single_track import State
 from msgs_yaml.types import Actuators, Command, Obstacle, Obstacles, VehicleState
 
@@ -59,7 +61,7 @@ def test_late_commands_are_compensated_for_in_lockstep_too(world, ticks):
         arriving = [*arriving, command]
         x = advance(x, arriving.pop(0))
     assert x.Y > 1.0  # it has changed lanes, so that steering mattered
-    assert not late.gate.rejections
+    assert not late.memory.rejections
 
 
 def test_after_an_early_state_the_last_setpoint_is_reached_first(realtime, world):
@@ -69,11 +71,11 @@ def test_after_an_early_state_the_last_setpoint_is_reached_first(realtime, world
     assert why.values['time.lead_ms'] == pytest.approx(20.0)
     *_, why = world.tick(realtime, world.rolling(X=10.7, stamp_ns=TICK + 31 * MS))
     assert why.values['time.lead_ms'] == pytest.approx(49.0)
-    assert not realtime.gate.rejections
+    assert not realtime.memory.rejections
 
 
 def test_the_age_that_the_gate_checks_includes_the_computing_time(realtime, world):
-    realtime.planner.solvers.first.takes_s = 0.15
+    realtime.parts.solvers.first.takes_s = 0.15
     *_, why = world.tick(realtime, world.rolling(stamp_ns=TICK), age_s=0.06)
     assert why.values['gate'] == 'too_old'
 
@@ -100,33 +102,36 @@ def test_every_command_on_its_way_is_in_the_prediction_however_many_there_are(wo
     """States every 10 ms, commands that take 200 ms: twenty are on their way."""
     late = Controller(*world.load(delay__command_s=0.2, **world.ESTIMATE))
     world.set_inputs(late, world.lane_change())
-    sent = list(late.ramps)
+    sent = list(late.memory.ramps)
     for k in range(1, 40):
         x = world.rolling(X=40.0 + 0.2 * k, stamp_ns=10 * k * MS)
         record = late.step(TickInputs(x))
-        state = late.friction.filtered(x)  # these states look like noise: the car does not react
-        expected = StatePredictor(late.car).predict(state, sent, x.stamp_ns + 200 * MS)
+        state = late.parts.friction.filtered(
+            late.memory.friction, x
+        )  # these states look like noise: the car does not react
+        expected = predict(state, sent, x.stamp_ns + 200 * MS, late.car)
         assert record.state == expected
         sent.append(late.active_ramp)
     assert abs(sent[-1].end.delta) > 0.01  # so that what is on its way matters
     first_ns = x.stamp_ns - 50 * MS  # that the estimate of the friction looks back
-    longest_ns = x.stamp_ns - round(1e3 * late.actuators.memory_s) * MS
-    assert late.ramps == still_needed(sent, longest_ns)
+    longest_ns = x.stamp_ns - round(1e3 * late.parts.actuators.memory_s) * MS
+    assert late.memory.ramps == still_needed(sent, longest_ns)
     instants = range(first_ns, first_ns + 300 * MS, 5 * MS)
-    assert [setpoints_at(late.ramps, t) for t in instants] == [
+    assert [setpoints_at(late.memory.ramps, t) for t in instants] == [
         setpoints_at(sent, t) for t in instants
     ]
 
 
-def test_the_delay_is_predicted_on_the_road_that_is_believed(world):
+def test_the_delay_is_predicted_on_the_road_that_is_believed(world, monkeypatch):
     """Hard braking for 0.2 s: where less friction is believed, the car is expected to slow less."""
     late = Controller(*world.load(delay__command_s=0.2, **world.ESTIMATE))
     world.set_inputs(late, world.straight())
     hard = constant_ramp(Setpoints(0.0, -15e3), 0.6)
     slowed = {}
     for friction in (1.0, 0.4):
-        late.ramps = (hard,)
-        late.friction.update = lambda x, ramps, friction=friction: FrictionBelief(friction, 0.0)
+        late.memory = replace(late.memory, ramps=(hard,))
+        belief = FrictionBelief(friction, 0.0)
+        monkeypatch.setattr(late.parts.friction, 'belief', lambda _, belief=belief: belief)
         x = world.rolling(stamp_ns=TICK)
         slowed[friction] = x.vx - late.step(TickInputs(x)).state.vx
         world.set_inputs(late, world.straight())

@@ -7,8 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller.driving.obstacle_perception import ObstacleMemory
+from mpcc_controller.driving import obstacle_perception
+from mpcc_controller.driving.obstacle_perception import Sightings
+from mpcc_controller.driving.records import unknown_state
 from mpcc_controller.problem.obstacle_motion import ExpectedObstacle, position
+from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.types import Obstacle, Obstacles
 
 MS = 1_000_000
@@ -19,7 +22,25 @@ CONE = Obstacle(id=4, X=30.0, Y=1.0, r_obs=0.3, vX=0.0, vY=0.0)
 
 @pytest.fixture
 def memory(params):
-    return ObstacleMemory(replace(params.surroundings, memory_s=MEMORY_MS / 1000))
+    return Seen(params, MEMORY_MS / 1000)
+
+
+class Seen:
+    """What is known of obstacles from message to message, in no path and on no road."""
+
+    def __init__(self, params, memory_s):
+        surroundings = replace(params.surroundings, memory_s=memory_s)
+        self.params = replace(params, surroundings=surroundings)
+        self.reset()
+
+    def reset(self):
+        self.sightings = Sightings(unknown_state(0))
+
+    def known(self, seen):
+        scene, now = Scene(None, None, seen), (seen.stamp_ns, self.params)
+        state = self.sightings.true_state
+        self.sightings = obstacle_perception.observe(self.sightings, scene, state, *now)
+        return obstacle_perception.scene_known(self.sightings, scene, *now).obstacles
 
 
 def message(at_ms, *items):
@@ -27,8 +48,7 @@ def message(at_ms, *items):
 
 
 def known(memory, seen):
-    memory.remember(seen)
-    return memory.complete(seen)
+    return memory.known(seen)
 
 
 @settings(max_examples=30)
@@ -38,7 +58,7 @@ def known(memory, seen):
 )
 def test_an_obstacle_that_vanishes_goes_on_as_it_was_expected_to(params, missed_ms, braking):
     """The reference is the motion over the horizon that was expected when it was seen last."""
-    memory = ObstacleMemory(replace(params.surroundings, memory_s=MEMORY_MS / 1000))
+    memory = Seen(params, MEMORY_MS / 1000)
     last = CAR if braking is None else ExpectedObstacle(*CAR, braking=braking)
     known(memory, message(0, last, CONE))
     seen, remembered = known(memory, message(missed_ms, CONE)).items
@@ -85,7 +105,7 @@ def test_a_clock_that_is_set_back_and_a_reset_forget_everything(memory):
 
 @pytest.mark.parametrize('memory_s', [None, 0.0])
 def test_without_a_memory_what_is_not_in_the_message_is_unknown_at_once(params, memory_s):
-    memory = ObstacleMemory(replace(params.surroundings, memory_s=memory_s))
+    memory = Seen(params, memory_s)
     known(memory, message(0, CAR))
     empty = message(50)
     assert known(memory, empty) is empty

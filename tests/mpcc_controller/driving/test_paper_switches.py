@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from mpcc_controller import brake_split
+from mpcc_controller.driving import planner
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.path_progress import LOST_M
-from mpcc_controller.driving.tick import TickInputs
+from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.driving.tick_solvers import MOST_REFRESHES, REFRESH_FROM_M
 from mpcc_controller.model.single_track import State
 from mpcc_controller.path import arc, reference_path
@@ -21,10 +22,8 @@ THETA = State._fields.index('theta')
 
 
 def changed(world, situation, name='mpcc', **changes):
-    """Return a controller with other parameters on a road, without a second solver."""
-    controller = Controller(*world.load(name, **changes))
-    controller.planner.solvers.second = None
-    return world.set_inputs(controller, situation)
+    """Return a controller with other parameters on a road."""
+    return world.set_inputs(Controller(*world.load(name, **changes)), situation)
 
 
 def records(world, controller, ticks, speed=20.0):
@@ -41,7 +40,7 @@ def records(world, controller, ticks, speed=20.0):
 def path_errors(controller, plan):
     """Return how far the arc of each stage is from the path at the planned theta, (N + 1,) m."""
     theta = plan.X[:, THETA]
-    used = controller.planner.last_problem.parameters.stages.path
+    used = controller.memory.solved.problem.parameters.stages.path
     exact, _ = reference_path.arcs_at(controller.scene.path, theta)
     there, here = arc.pose_at(used, theta), arc.pose_at(exact, theta)
     return np.hypot(np.array(there.X) - here.X, np.array(there.Y) - here.Y)
@@ -91,7 +90,7 @@ def test_an_integrated_theta_starts_from_the_projection_again_when_it_is_lost(wo
     list(records(world, controller, 4))
     X = 8.0
     if lost == 'plan':
-        controller.planner.brake('test')
+        controller.memory, _ = planner.brake(controller.memory, 'test')
     elif lost == 'path':
         moved = situation.reference._replace(X=situation.reference.X + 0.5)
         assert controller.set_reference(moved) == ''
@@ -109,7 +108,7 @@ def test_refreshed_arcs_are_those_of_the_path_where_the_plan_is(world):
     for kind in ('frozen', 'refreshed'):
         controller = changed(world, situation, surroundings__arcs=kind)
         record = controller.step(TickInputs(world.rolling(v=24.0, X=30.0)))
-        problem = controller.planner.last_problem
+        problem = controller.memory.solved.problem
         moved = np.abs(record.decision.plan.X[:, THETA] - problem.guess_map.X[:, THETA])
         errors[kind] = np.max(path_errors(controller, record.decision.plan))
         if kind == 'refreshed':
@@ -133,12 +132,12 @@ def test_a_refreshed_plan_that_may_not_be_driven_is_dropped(world):
     state, situation = world.rolling(v=24.0, X=30.0), world.lane_change(v=12.0)
     frozen = changed(world, situation)
     controller = changed(world, situation, surroundings__arcs='refreshed')
-    solves = world.ModifiedSolver(controller.planner.solvers.first)
+    solves = world.ModifiedSolver(controller.parts.solvers.first)
     solves.modify = lambda s: s._replace(status=FAILED) if len(solves.solutions) == 1 else s
-    controller.planner.solvers.first = solves
+    controller.parts.solvers.first = solves
     record = controller.step(TickInputs(state))
     assert record.attempt.refreshes == 1
-    assert record.attempt.first.iterations == sum(s.iterations for s in solves.solutions)
+    assert record.attempt.solution.iterations == sum(s.iterations for s in solves.solutions)
     assert record.command == frozen.step(TickInputs(state)).command
 
 
@@ -148,17 +147,16 @@ def test_refreshing_ends_with_the_time_of_the_solver(realtime, world):
         changes = {
             'surroundings__arcs': 'refreshed',
             'solver__time_limit_s': limit_s,
-            'solver__fallback_limit_s': 10.0,
         }
-        realtime.clock.now = 0.0
-        controller = Controller(*world.load(**changes), True, realtime.clock)
+        realtime.parts.clock.now = 0.0
+        controller = Controller(*world.load(**changes), True, realtime.parts.clock)
         world.set_inputs(controller, world.lane_change(v=12.0))
         solver = world.ModifiedSolver(
-            controller.planner.solvers.first, clock=realtime.clock, takes_s=0.015
+            controller.parts.solvers.first, clock=realtime.parts.clock, takes_s=0.015
         )
         solver.limits = []
         solver.set_time_limit = solver.limits.append
-        controller.planner.solvers.first = solver
+        controller.parts.solvers.first = solver
         controller.step(TickInputs(world.rolling(v=24.0, X=30.0)))
         assert min(len(solver.solutions), 2) == solves
         assert solver.limits[-1:] == ([limit_s] if solves > 1 else [])
@@ -170,9 +168,6 @@ def test_a_fixed_split_brakes_with_its_share_and_has_no_cost(world, name, share)
     changes = {
         'formulation__brake_split': 'fixed',
         'formulation__brake_front_share': share,
-        # nothing is compiled for one test
-        'solver__name': 'fatrop',
-        'solver__compiled': False,
     }
     controller = changed(world, world.straight(v=12.0), name, **changes)
     commands = [r.command for r in records(world, controller, 20, speed=25.0)]
@@ -182,9 +177,7 @@ def test_a_fixed_split_brakes_with_its_share_and_has_no_cost(world, name, share)
     assert [c.Fxf / (c.Fxf + c.Fxr) for c in braking] == pytest.approx(
         [expected] * len(braking), abs=1e-5
     )
-    assert 'lambda_b' not in {
-        term.name for term in controller.planner.prediction.formulation.ocp.terms
-    }
+    assert 'lambda_b' not in {term.name for term in controller.parts.model.formulation.ocp.terms}
 
 
 def test_switches_that_are_off_change_no_bit(world):
@@ -198,7 +191,7 @@ def test_switches_that_are_off_change_no_bit(world):
     for changes in ({}, off):
         controller = changed(world, world.lane_change(), **changes)
         commands.append([record.command for record in records(world, controller, 20)])
-        assert controller.planner.prediction.formulation.ocp.terms == cost_terms.PAPER
+        assert controller.parts.model.formulation.ocp.terms == cost_terms.PAPER
     assert commands[0] == commands[1]
 
 

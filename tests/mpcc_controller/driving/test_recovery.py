@@ -8,13 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller.driving import braking, recovery
+from mpcc_controller.driving import braking, path_progress, planner, recovery
 from mpcc_controller.driving.braking import Point
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.fallback import BRAKING, RECOVERY, rejection_reason
 from mpcc_controller.driving.gate import Gate
+from mpcc_controller.driving.path_progress import Progress
+from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.driving.setpoints import Setpoints, command_to, setpoints_of
-from mpcc_controller.driving.tick import TickInputs
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from msgs_yaml.types import Command
@@ -41,7 +42,7 @@ def test_every_command_of_any_finite_state_passes_the_gate(
     line = Point(10.0, 2.0) if has_line else None
     target = recovery.recovery_target(x, now, line, car, params)
     command = command_to(target, now, car, step_s, 2)
-    assert Gate(limits, car, step_s, 1.0).check(command, last, 0.0).reason == ''
+    assert Gate(limits, car, step_s, 1.0).check(command, last, 0.0, car).reason == ''
 
 
 @pytest.mark.parametrize('sign', [1, -1])
@@ -113,7 +114,7 @@ def test_on_a_slippery_road_a_car_slides_at_a_smaller_slip_and_goes_on_sliding(c
 @pytest.fixture(scope='module')
 def spin(world):
     """Return a function that drives a sliding car whose solver always fails, on the plant."""
-    params, vehicle = world.load(solver__max_iterations=1, solver__fallback='none')
+    params, vehicle = world.load(solver__max_iterations=1)
     ways = {}
     for recovers in (True, False):
         fallback = dataclasses.replace(params.fallback, recovery=recovers)
@@ -153,6 +154,11 @@ def test_a_slide_that_spins_the_braked_car_is_recovered(spin, speed, vy, r):
     assert not any(record.gate_reason for record in recovered)
 
 
+def initial_state(x, now, scene, params):
+    """Return stage 0 at a start."""
+    return path_progress.initial_state(Progress(), x, now, scene, None, params)[1]
+
+
 @pytest.fixture(scope='module')
 def controller_on_road(world):
     return world.set_inputs(Controller(*world.load()), world.straight())
@@ -163,15 +169,15 @@ def controller_on_road(world):
 def test_the_guess_of_a_sliding_car_obeys_model_and_limits_from_any_state(
     controller_on_road, v, beta, r, delta
 ):
-    planner, scene = controller_on_road.planner, controller_on_road.scene
-    limits, step_s = planner.prediction.params.limits, planner.prediction.params.model.step_s
+    parts, scene = controller_on_road.parts, controller_on_road.scene
+    limits, step_s = parts.params.limits, parts.params.model.step_s
     x0 = State(9.0, 1.0, -beta, v * math.cos(beta), v * math.sin(beta), r, 9.0, delta, 0.0)
-    plan = planner.guess_from_law(x0, scene)
+    plan = planner.guess_from_law(x0, scene, parts.model.car, parts)
     assert np.isfinite(plan.X).all()
     assert plan.X[0] == pytest.approx(np.array(x0))
     step = single_track.step(step_s)
     for x, u, after in zip(plan.X, plan.U, plan.X[1:]):
-        assert after == pytest.approx(step(x, u, planner.prediction.car).full().ravel(), abs=1e-9)
+        assert after == pytest.approx(step(x, u, parts.model.car).full().ravel(), abs=1e-9)
     states, inputs = State(*plan.X.T), Input(*plan.U.T)
     rounding = 1 + 1e-9
     assert abs(states.delta).max() <= limits.steer_rad * rounding
@@ -181,41 +187,42 @@ def test_the_guess_of_a_sliding_car_obeys_model_and_limits_from_any_state(
 
 def test_from_the_guess_of_the_law_most_sliding_cars_get_a_plan(world):
     """Sideslip to 60 deg, yaw rate to 2 rad/s, 7 to 40 m/s."""
-    params, vehicle = world.load(solver__max_iterations=300, solver__fallback='none')
+    params, vehicle = world.load(solver__max_iterations=300)
     controller = world.set_inputs(Controller(params, vehicle), world.straight())
-    planner, scene = controller.planner, controller.scene
+    parts, scene = controller.parts, controller.scene
     rng = np.random.default_rng(7)
     usable, count = 0, 40
     for _ in range(count):
         v, beta, r = rng.uniform((7, -1.05, -2), (40, 1.05, 2))
         x = world.rolling(v=v * math.cos(beta), vy=v * math.sin(beta), r=r, X=10.0, psi=-beta)
-        x0 = planner.initial_state(x, Setpoints(0.0, 0.0), scene)
-        guess = planner.guess_from_law(x0, scene)
-        solution, _ = planner.solvers.solve(planner.prediction.build_problem(x0, scene, guess))
+        x0 = initial_state(x, Setpoints(0.0, 0.0), scene, parts.params)
+        guess = planner.guess_from_law(x0, scene, parts.model.car, parts)
+        problem = parts.model.build_problem(x0, scene, guess, parts.model.car)
+        solution = parts.solvers.solve(problem)
         usable += not rejection_reason(solution, params.fallback)
     assert usable > 0.75 * count
 
 
 def test_every_sliding_car_gets_a_plan_of_the_road_controller(world):
     """Sideslip to 60 deg, yaw rate to 2 rad/s, 7 to 40 m/s, on a road of 8 m."""
-    params, vehicle = world.load('mpcc_road', candidates__most=1, solver__fallback='none')
+    params, vehicle = world.load('mpcc_road', candidates__most=1)
     off = dataclasses.replace(params.friction_estimate, on=False)
     controller = Controller(dataclasses.replace(params, friction_estimate=off), vehicle)
     world.set_inputs(controller, world.straight(left=4.0, right=-4.0))
-    planner, scene = controller.planner, controller.scene
+    parts, scene = controller.parts, controller.scene
     rng = np.random.default_rng(7)
     plans = []
     for _ in range(40):
         v, beta, r = rng.uniform((7, -1.05, -2), (40, 1.05, 2))
         x = world.rolling(v=v * math.cos(beta), vy=v * math.sin(beta), r=r, X=10.0, psi=-beta)
-        x0 = planner.initial_state(x, Setpoints(0.0, 0.0), scene)
-        planner.reset()
-        plans.append(planner.plan(x0, scene, sliding=True)[0].plan)
+        x0 = initial_state(x, Setpoints(0.0, 0.0), scene, parts.params)
+        _, decision, _ = planner.plan(controller.memory, x0, scene, controller.car, True, parts)
+        plans.append(decision.plan)
     assert all(plan is not None for plan in plans)
     for plan in plans:  # each is a motion of the model
         for x, u, after in zip(plan.X[:-1:10], plan.U[::10], plan.X[1::10]):
             assert after == pytest.approx(
-                planner.prediction.step(x, u, controller.car), abs=0.02, rel=1e-3
+                parts.model.step(x, u, controller.car), abs=0.02, rel=1e-3
             )
 
 
@@ -224,7 +231,7 @@ class OnlyRelaxed:
 
     def __init__(self, solver, P):
         self.solver, self.P, self.relaxed = solver, P, []
-        self.name, self.set_time_limit = solver.name, solver.set_time_limit
+        self.set_time_limit = solver.set_time_limit
 
     def solve(self, x0, P, bounds, guess):
         solution = self.solver.solve(x0, P, bounds, guess)
@@ -235,24 +242,23 @@ class OnlyRelaxed:
 
 
 def test_a_plan_of_relaxed_soft_limits_has_its_cost_in_the_true_problem(world):
-    params, vehicle = world.load('mpcc_road', candidates__most=1, solver__fallback='none')
+    params, vehicle = world.load('mpcc_road', candidates__most=1)
     controller = Controller(params, vehicle)
     world.set_inputs(controller, world.straight(left=1.0, right=-1.0))
-    planner, scene = controller.planner, controller.scene
-    x0 = planner.initial_state(world.rolling(v=20.0, vy=3.0, X=10.0), Setpoints(0, 0), scene)
-    planner.plan(x0, scene, sliding=True)
-    problem = planner.last_problem
-    true = planner.solvers.solve(problem)[0]
+    parts, scene = controller.parts, controller.scene
+    x0 = initial_state(world.rolling(v=20.0, vy=3.0, X=10.0), Setpoints(0, 0), scene, parts.params)
+    problem = planner.plan(controller.memory, x0, scene, controller.car, True, parts)[2].problem
+    true = parts.solvers.solve(problem)
     P = problem.parameters.P
-    local = planner.prediction.formulation.to_local(true.plan, scene.path)
-    assert planner.prediction.evaluator.cost(local, P) == pytest.approx(true.cost, rel=1e-6)
+    local = parts.model.formulation.to_local(true.plan, scene.path)
+    assert parts.model.evaluator.cost(local, P) == pytest.approx(true.cost, rel=1e-6)
 
-    planner.solvers.sliding = stuck = OnlyRelaxed(planner.solvers.sliding, P)
-    driven = planner.solvers.solve(problem)[0]
+    parts.solvers.sliding = stuck = OnlyRelaxed(parts.solvers.sliding, P)
+    driven = parts.solvers.solve(problem)
     (relaxed,) = stuck.relaxed
     assert relaxed.status == SOLVED
     assert driven.status == STOPPED_EARLY
     assert not rejection_reason(driven, params.fallback)
     assert driven.plan.X[:, 0] == pytest.approx(relaxed.plan.X[:, 0], abs=1e-6)
-    assert driven.cost == pytest.approx(planner.prediction.evaluator.cost(relaxed.plan, P))
+    assert driven.cost == pytest.approx(parts.model.evaluator.cost(relaxed.plan, P))
     assert driven.cost > max(true.cost, 2.0 * relaxed.cost)

@@ -6,7 +6,6 @@ import pytest
 from mpcc_controller.driving.controller import Controller
 from msgs_yaml import conformance, encode
 from msgs_yaml.types import Obstacle, Obstacles
-from node_runtime.parameters import ParameterError
 from stage_solver.solution import FAILED, ONE_STEP, SOLVED
 
 TICKS = 40
@@ -30,31 +29,31 @@ def controllers(world):
 def drive_lane_change(world, controller, ticks=TICKS):
     """Drive through the lane change with the prediction model as the car, preparing each tick."""
     world.set_inputs(controller, world.lane_change())
-    solver = world.ModifiedSolver(controller.planner.solvers.first)
+    solver = world.ModifiedSolver(controller.parts.solvers.first)
     answers, step = [], controller.step
 
     def recorded_step(*state):
         record = step(*state)
         answers.append(
             (
-                controller.planner.last_problem,
-                controller.planner.fallback.plan,
+                controller.memory.solved.problem,
+                controller.memory.plans.plan,
                 solver.solutions[-1],
             )
         )
         controller.prepare()
         return record
 
-    controller.planner.solvers.first, controller.step = solver, recorded_step
+    controller.parts.solvers.first, controller.step = solver, recorded_step
     try:
         return world.drive(controller, ticks), answers
     finally:
-        controller.planner.solvers.first, controller.step = solver.inner, step
+        controller.parts.solvers.first, controller.step = solver.inner, step
 
 
 def cost(controller, answers):
     """Return the sum of the costs of the first stages of all plans."""
-    stage_cost = controller.planner.prediction.problem.stage_cost
+    stage_cost = controller.parts.model.problem.stage_cost
     return sum(
         float(stage_cost(plan.X[0], plan.U[0], posed.parameters.P[0])) for posed, plan, _ in answers
     )
@@ -71,7 +70,7 @@ def test_one_step_drives_a_lane_change_as_cheaply_as_converged_plans(drives, con
     wanted = cost(controllers['converged'], converged)
     assert cost(controllers[mode], stepped) == pytest.approx(wanted, rel=0.01)
     assert {why.values['rung'] for why in drive.whys} == {SOLVED}
-    assert not controllers[mode].gate.rejections
+    assert not controllers[mode].memory.rejections
 
 
 def iterations(drives, mode):
@@ -102,9 +101,8 @@ def test_one_step_keeps_its_own_limits_and_reports_its_reason(drives, controller
 
 
 def test_plans_of_one_step_satisfy_the_prediction_model_exactly(drives, controllers):
-    motion, car = (
-        getattr(controllers['one_step'].planner.prediction, name) for name in ('step', 'car')
-    )
+    model = controllers['one_step'].parts.model
+    motion, car = model.step, model.car
     for _, plan, _ in drives['one_step'][1]:
         predicted = motion(plan.X[0], plan.U[0], car)
         assert plan.X[1] == pytest.approx(predicted, abs=1e-6)
@@ -114,72 +112,50 @@ def test_preparation_does_not_change_the_problem_of_a_tick(controllers, world):
     """The stage parameters are those of the shifted last plan; only the initial guess differs."""
     prepared = world.set_inputs(controllers['prepared'], world.lane_change())
     world.tick(prepared, world.rolling(X=45.0))
-    kept = prepared.planner.fallback.plan
+    kept = prepared.memory.plans.plan
     prepared.prepare()
-    assert prepared.planner.fallback.plan is kept
-    expected = prepared.planner.prepared
+    assert prepared.memory.plans.plan is kept
+    expected = prepared.memory.prepared
     assert expected.X[0] == pytest.approx(kept.X[1], abs=1e-12)
-    solves = prepared.planner.solvers.first = world.ModifiedSolver(prepared.planner.solvers.first)
+    solves = prepared.parts.solvers.first = world.ModifiedSolver(prepared.parts.solvers.first)
     try:
         *_, why = world.tick(prepared, world.rolling(X=46.0, stamp_ns=50_000_000))
     finally:
-        prepared.planner.solvers.first = solves.inner
-    assert np.array_equal(prepared.planner.last_problem.guess_map.U[:-1], kept.U[1:])
+        prepared.parts.solvers.first = solves.inner
+    assert np.array_equal(prepared.memory.solved.problem.guess_map.U[:-1], kept.U[1:])
     assert np.array_equal(solves.guesses[0].U, expected.U)
     assert why.values['time.ahead_ms'] > 0
 
 
 def test_there_is_nothing_to_prepare_without_a_plan_or_after_a_failure(controllers, world):
     controller = world.set_inputs(controllers['prepared'], world.lane_change())
-    assert controller.planner.prepare(controller.scene) is None
+    controller.prepare()
+    assert controller.memory.prepared is None
     world.tick(controller, world.rolling(X=25.0))
     controller.prepare()
-    assert controller.planner.prepared is not None
-    genuine = controller.planner.solvers.first
-    controller.planner.solvers.first = world.ModifiedSolver(
+    assert controller.memory.prepared is not None
+    genuine = controller.parts.solvers.first
+    controller.parts.solvers.first = world.ModifiedSolver(
         genuine, lambda s: s._replace(status=FAILED)
     )
-    controller.planner.solvers.second, second = None, controller.planner.solvers.second
     try:
         world.tick(controller, world.rolling(X=26.0, stamp_ns=50_000_000))
         controller.prepare()
     finally:
-        controller.planner.solvers.first, controller.planner.solvers.second = genuine, second
-    assert controller.planner.prepared is None
+        controller.parts.solvers.first = genuine
+    assert controller.memory.prepared is None
 
 
 def test_a_controller_that_does_not_prepare_computes_nothing_after_its_command(controller, world):
     world.tick(controller, world.rolling(X=25.0))
     controller.prepare()
-    assert controller.planner.prepared is None
+    assert controller.memory.prepared is None
     assert (
         world.tick(controller, world.rolling(X=26.0, stamp_ns=50_000_000))[2].values.get(
             'time.ahead_ms'
         )
         is None
     )
-
-
-def test_an_unsupported_solver_mode_is_rejected_and_named(world):
-    params, vehicle = world.load(solver__name='fatrop', solver__mode='one_step')
-    with pytest.raises(ParameterError, match=r'solver\.mode: one_step .* allowed with fatrop'):
-        Controller(params, vehicle)
-
-
-def test_the_second_solver_gets_the_remaining_time_of_the_first(realtime, world):
-    """The first solver of the fixture takes 15 ms of the 10 s that both share."""
-    limits = []
-
-    class Second(world.ModifiedSolver):
-        def set_time_limit(self, seconds):
-            limits.append(seconds)
-
-    first = realtime.planner.solvers.first
-    first.modify = lambda solution: solution._replace(status=FAILED)
-    realtime.planner.solvers.second = Second(first.inner)
-    *_, why = world.tick(realtime, world.rolling())
-    assert why.values['rung'] == 'second_solver'
-    assert limits == [pytest.approx(10.0 - 0.015)]
 
 
 @pytest.mark.parametrize('v', [20.0, 22.0])

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.delay_compensation import expected_delay
 from mpcc_controller.driving.fallback import BRAKING
-from mpcc_controller.driving.tick import Arrival, unknown_state
+from mpcc_controller.driving.records import Arrival, unknown_state
 from mpcc_controller.model.single_track import State
 from msgs_yaml import conformance, encode
 from msgs_yaml.types import Actuators, VehicleState
@@ -55,7 +56,7 @@ def test_with_a_stale_state_it_follows_the_plan_then_brakes_along_it_by_dead_rec
 def test_a_stale_state_that_is_noticed_late_is_answered_with_the_plan_of_now(controller, world):
     for k in range(8):
         world.tick(controller, world.rolling(X=40.0 + k, stamp_ns=k * TICK))
-    steering = controller.planner.fallback.plan.X[:, 7]
+    steering = controller.memory.plans.plan.X[:, 7]
     command, _, why = world.tick(controller, unknown_state(9 * TICK), fault='state_stale')
     assert decision(why) == ('shifted', 'state_stale', None)
     assert command.delta == pytest.approx(steering[3], abs=1e-9)
@@ -93,10 +94,10 @@ def test_with_stale_surroundings_it_brakes_along_the_last_plan(controller, world
 
 def test_braking_does_not_change_the_latency_estimate(realtime, world):
     world.tick(realtime, world.rolling(stamp_ns=TICK))
-    expected = realtime.latency.estimate(0.0)
+    expected = expected_delay(realtime.memory.computing_s, 0.0, realtime.params.delay)
     for k in range(2, 30):
         world.tick(realtime, unknown_state(k * TICK), fault='state_stale')
-    assert realtime.latency.estimate(0.0) == expected
+    assert expected_delay(realtime.memory.computing_s, 0.0, realtime.params.delay) == expected
 
 
 def test_the_arrival_of_the_state_is_reported_if_it_is_known(controller, world):
@@ -112,19 +113,21 @@ def test_the_warm_up_leaves_no_state_behind_except_the_latency_estimate(realtime
     x = world.rolling(X=10.0, stamp_ns=TICK)
     stamps = [record.command.stamp_ns for record in realtime.warm_up(x, 5)]
     assert stamps == [(1 + k) * TICK for k in range(1, 6)]
-    assert realtime.planner.fallback.plan is None
-    assert realtime.planner.progress.theta is None
-    assert not realtime.gate.rejections
-    assert realtime.latency.estimate(0.0) == pytest.approx(0.015 + 0.001)
+    assert realtime.memory.plans.plan is None
+    assert realtime.memory.progress.theta is None
+    assert not realtime.memory.rejections
+    assert expected_delay(realtime.memory.computing_s, 0.0, realtime.params.delay) == pytest.approx(
+        0.015 + 0.001
+    )
 
 
 def test_a_warm_up_that_is_cut_short_leaves_no_state_behind_either(realtime, world):
     steps = realtime.warm_up(world.rolling(X=10.0, stamp_ns=TICK), 5)
     assert next(steps)
-    assert realtime.planner.fallback.plan is not None
+    assert realtime.memory.plans.plan is not None
     last, scene = realtime.last_command, realtime.scene
     steps.close()
-    assert realtime.planner.fallback.plan is None
+    assert realtime.memory.plans.plan is None
     assert realtime.last_command != last
     assert realtime.scene is scene
 
@@ -136,14 +139,14 @@ def test_after_the_warm_up_the_commands_are_those_of_a_controller_that_did_not_w
     for controller in controllers:
         world.set_inputs(controller, world.lane_change(18.0))
     warm, cold = controllers
-    solvers = [world.ModifiedSolver(solver) for solver in warm.planner.solvers.parallel.solvers]
-    warm.planner.solvers.parallel.solvers = solvers
+    solvers = [world.ModifiedSolver(solver) for solver in warm.parts.solvers.parallel.solvers]
+    warm.parts.solvers.parallel.solvers = solvers
     before = warm.scene
     records = list(warm.warm_up(world.rolling(v=18.0, X=20.0), 12))
     assert sum(record.attempt.candidates is not None for record in records) >= 3
     assert all(solver.solutions for solver in solvers)
     assert all(record.attempt.candidates is None for record in records[-5:])
-    assert (warm.last_command, warm.ramps) == (cold.last_command, cold.ramps)
+    assert (warm.last_command, warm.memory.ramps) == (cold.last_command, cold.memory.ramps)
     assert warm.scene is before
     one, other = (world.drive(controller, 12) for controller in controllers)
     assert one.commands == other.commands

@@ -5,8 +5,10 @@ import time
 
 import pytest
 
-from mpcc_controller.driving.candidate_guesses import BRAKE, Candidate
+from mpcc_controller.driving import choose, path_progress, planner
+from mpcc_controller.driving.choose import BRAKE, Candidate
 from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.path_progress import Progress
 from msgs_yaml.types import Obstacle, Obstacles
 
 LIMIT_S = 0.02
@@ -70,10 +72,10 @@ def controller(world, clock):
     """Return a controller in realtime before an obstacle that appears, with timed solvers."""
     settings = world.load(
         candidates__most=4, fallback__recovery=True, solver__time_limit_s=LIMIT_S,
-        solver__fallback_limit_s=PATIENCE_S, surroundings__max_obstacles=4,
+        solver__patience_s=PATIENCE_S, surroundings__max_obstacles=4,
     )  # fmt: skip
     controller = Controller(*settings, True, clock)
-    solvers = controller.planner.solvers
+    solvers = controller.parts.solvers
     solvers.first, solvers.sliding = TimedSolver(solvers.first), TimedSolver(solvers.sliding)
     solvers.parallel.solvers = [TimedSolver(solver) for solver in solvers.parallel.solvers]
     world.set_inputs(controller, world.straight(left=6.0, right=-2.5))
@@ -81,26 +83,28 @@ def controller(world, clock):
     return controller
 
 
-def test_the_time_to_build_candidates_is_taken_from_their_solvers(controller, clock, world):
-    planner = controller.planner
-    planner.alternatives.propose = clock.delay(planner.alternatives.propose, 0.003)
+def test_the_time_to_build_candidates_is_taken_from_their_solvers(
+    controller, clock, world, monkeypatch
+):
+    monkeypatch.setattr(choose, 'propose', clock.delay(choose.propose, 0.003))
     world.tick(controller, world.rolling())
-    assert planner.solvers.first.limits_s == pytest.approx([LIMIT_S - 0.003])
-    others = [limit for solver in planner.solvers.parallel.solvers for limit in solver.limits_s]
+    assert controller.parts.solvers.first.limits_s == pytest.approx([LIMIT_S - 0.003])
+    others = [
+        limit for solver in controller.parts.solvers.parallel.solvers for limit in solver.limits_s
+    ]
     assert others == pytest.approx([LIMIT_S - 0.003] * 2)
 
 
 def test_the_time_to_guess_what_recovers_a_sliding_car_is_taken_from_its_solver(
-    controller, clock, world
+    controller, clock, world, monkeypatch
 ):
-    planner = controller.planner
-    planner.guess_from_law = clock.delay(planner.guess_from_law, 0.004)
+    monkeypatch.setattr(planner, 'guess_from_law', clock.delay(planner.guess_from_law, 0.004))
     world.tick(controller, world.rolling(vy=8.0))
-    assert planner.solvers.sliding.limits_s == pytest.approx([LIMIT_S - 0.004])
+    assert controller.parts.solvers.sliding.limits_s == pytest.approx([LIMIT_S - 0.004])
 
 
 def test_other_candidates_that_do_not_return_hold_no_tick(controller, clock, world):
-    solvers, hanging = controller.planner.solvers, HangingSolver()
+    solvers, hanging = controller.parts.solvers, HangingSolver()
     solvers.parallel.solvers = [hanging] * len(solvers.parallel.solvers)
     solvers.solve_first = clock.delay(solvers.solve_first, PATIENCE_S - 0.01)
     controller.set_obstacles(Obstacles(0, (Obstacle(1, 32.0, 1.2, 1.0, 0.0, 0.0),)))
@@ -115,11 +119,10 @@ def test_other_candidates_that_do_not_return_hold_no_tick(controller, clock, wor
         hanging.release.set()
 
 
-def test_a_tick_that_has_no_time_left_still_answers(controller, clock, world):
-    planner = controller.planner
-    planner.alternatives.propose = clock.delay(planner.alternatives.propose, 1.0)
+def test_a_tick_that_has_no_time_left_still_answers(controller, clock, world, monkeypatch):
+    monkeypatch.setattr(choose, 'propose', clock.delay(choose.propose, 1.0))
     *_, why = world.tick(controller, world.rolling())
-    assert planner.solvers.first.limits_s == [0.0]
+    assert controller.parts.solvers.first.limits_s == [0.0]
     assert 'candidates.count' not in why.values
 
 
@@ -134,11 +137,14 @@ def test_a_tick_that_has_no_time_left_still_answers(controller, clock, world):
 def test_late_candidates_are_dropped_the_first_way_last_then_the_plan_that_brakes(
     controller, clock, world, build_s, built
 ):
-    planner, scene = controller.planner, controller.scene
-    x0 = planner.initial_state(world.rolling(), controller.active_ramp.end, scene)
-    guess = planner.guess_from_law(x0, scene)
+    parts, scene = controller.parts, controller.scene
+    now = controller.active_ramp.end
+    x = world.rolling()
+    _, x0 = path_progress.initial_state(Progress(), x, now, scene, None, parts.params)
+    guess = planner.guess_from_law(x0, scene, controller.car, parts)
     others = [Candidate(name, guess) for name in ('left of 1', 'right of 1', BRAKE)]
-    planner.prediction.build_problem = clock.delay(planner.prediction.build_problem, build_s)
-    assert list(planner._build_others(x0, scene, others, clock())) == built
-    planner.limit_time = False
-    assert len(planner._build_others(x0, scene, others, clock())) == 3
+    parts.model.build_problem = clock.delay(parts.model.build_problem, build_s)
+    arguments = x0, scene, others, controller.car
+    assert list(planner._build(*arguments, clock(), parts)) == built
+    parts.limit_time = False
+    assert len(planner._build(*arguments, clock(), parts)) == 3

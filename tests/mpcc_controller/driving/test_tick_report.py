@@ -75,7 +75,6 @@ def test_the_time_of_publishing_is_reported_one_tick_later(realtime, world):
 
 def test_the_report_of_a_failed_tick_conforms_to_the_contract(controller, world, modify_solver):
     modify_solver(lambda s: s._replace(status=FAILED))
-    modify_solver(lambda s: s._replace(status=FAILED), 'second')
     *_, why = world.tick(controller, world.rolling(X=40.0, stamp_ns=TICK))
     assert why.values['rung'] == BRAKING
     assert not conformance.check('/controller/why', encode.why(why))

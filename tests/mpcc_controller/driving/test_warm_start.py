@@ -51,24 +51,14 @@ def test_failures_drop_first_the_dual_and_after_three_the_primal_warm_start(
     assert why.values['solver.warm']
 
 
-def test_the_second_solver_starts_from_the_same_plan_without_multipliers(
-    controller, world, modify_solver
-):
-    world.tick(controller, world.rolling(X=25.0))
-    first, second = modify_solver(fail), modify_solver(lambda s: s, 'second')
-    world.tick(controller, world.rolling(X=26.0, stamp_ns=TICK))
-    assert second.guesses[-1].multipliers is None
-    assert np.array_equal(second.guesses[-1].X, first.guesses[-1].X)
-
-
 def test_a_command_out_of_time_is_counted_and_reported_and_its_plan_kept(controller, world):
     world.tick(controller, world.rolling(X=25.0, stamp_ns=TICK))
     command, _, why = world.tick(controller, world.rolling(X=26.0, stamp_ns=TICK))
     v = why.values
     assert (v['gate'], v['gate.rejections'], v['gate.not_newer']) == ('not_newer', 1, 1)
     assert why.level == 2
-    assert controller.gate.rejections == Counter(not_newer=1)
-    assert controller.planner.fallback.plan is not None
+    assert controller.memory.rejections == Counter(not_newer=1)
+    assert controller.memory.plans.plan is not None
     assert command.d_delta == 0
     # the next plan begins at the substitute
     *_, why = world.tick(controller, world.rolling(X=27.0, stamp_ns=2 * TICK))

@@ -99,7 +99,7 @@ def test_the_steps_of_the_solver_settle_where_the_exact_solution_does(rates, car
     exact = solve_ivp(
         lambda _, y: np.array(rates[1](y, u)).ravel(), (0, 1.5), start, rtol=1e-8, atol=1e-9
     ).y[:, -1]
-    step, x = single_track.step(0.05, type(cars[1])), start
+    step, x = single_track.step(0.05, single_track.structure(cars[1])), start
     for _ in range(30):
         x = step(x, u, cars[1]).full().ravel()
     ends = State(*x), State(*exact)
@@ -110,7 +110,10 @@ def test_the_steps_of_the_solver_settle_where_the_exact_solution_does(rates, car
 def test_a_standing_car_stays_and_a_rolling_one_comes_to_rest_without_going_back(rates, cars):
     rest = state(0.0, 0.0, 0.0, 0.3)
     assert np.array(rates[1](rest, (0, 0, 0.5, 0))).ravel() == pytest.approx(np.zeros(9))
-    step, x = single_track.step(0.05, type(cars[1])), np.array(state(0.5, 0.0, 0.0, 0.0))
+    step, x = (
+        single_track.step(0.05, single_track.structure(cars[1])),
+        np.array(state(0.5, 0.0, 0.0, 0.0)),
+    )
     speeds = []
     for _ in range(400):
         x = step(x, (0, 0, 0.5, 0), cars[1]).full().ravel()
@@ -142,5 +145,5 @@ def test_the_lags_of_the_actuators_and_low_speeds_go_together(world):
     x = state(2.0, 0.0, 0.0, 0.2)
     u = Input(0.4, 0.0, 0.5, 0.0)
     ahead = single_track.body_rates(x._replace(delta=0.2 + 0.05 * 0.4), u, car)
-    without = single_track.LowSpeedCar(*car[:15], car.settling, car.kinematic)
+    without = car._replace(steer_lag=0.0, force_lag=0.0)
     assert float(ahead.r) == pytest.approx(float(single_track.body_rates(x, u, without).r))

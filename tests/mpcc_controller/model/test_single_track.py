@@ -258,7 +258,7 @@ def test_at_the_greatest_yaw_rate_a_steady_turn_takes_all_friction(car, vx):
 def test_what_acts_is_what_a_settled_servo_reaches_on_a_ramp(car, omega, zeta, d_delta, d_Fx):
     """Against a servo of second order, integrated until its transient is over."""
     lag = 2 * zeta / omega
-    lagging = single_track.LaggingCar(*car, steer_lag=lag, force_lag=2 * lag)
+    lagging = car._replace(steer_lag=lag, force_lag=2 * lag)
     A = np.array([[0.0, 1.0], [-(omega**2), -2 * zeta * omega]])
     T = 30 / (zeta * omega) + 30 * zeta / omega
     for name, rate, speed in (('delta', d_delta, 1.0), ('Fx', d_Fx, 0.5)):
@@ -272,15 +272,15 @@ def test_what_acts_is_what_a_settled_servo_reaches_on_a_ramp(car, omega, zeta, d
 
 
 def test_while_set_points_stand_still_a_lagging_car_moves_like_one_without_lag(car):
-    lagging = single_track.LaggingCar(*car, steer_lag=0.05, force_lag=0.07)
+    lagging = car._replace(steer_lag=0.05, force_lag=0.07)
     x, u = [0, 0, 0, 20, 0.3, 0.2, 0, 0.05, -3000], [0, 0, 0.6, 0]
-    with_lag = single_track.step(0.05, type(lagging))(x, u, list(lagging)).full()
+    with_lag = single_track.step(0.05, single_track.structure(lagging))(x, u, list(lagging)).full()
     assert with_lag == pytest.approx(single_track.step(0.05)(x, u, list(car)).full(), abs=1e-12)
 
 
 def test_the_lags_of_the_car_file_are_in_the_model_where_the_switch_is_on(world):
     params, vehicle = world.load()
-    assert type(stage_parameters.car(params, vehicle)) is single_track.Car
+    assert single_track.structure(stage_parameters.car(params, vehicle)) == single_track.PAPER
     params, vehicle = world.load(model__servo_lag=True)
     car = stage_parameters.car(params, vehicle)
     actuators = vehicle.actuators

@@ -26,7 +26,7 @@ def with_tyres(vehicle, factor):
 
 def swing_after(controller, vx):
     """Return how much of a small lateral motion is left after 2 s of prediction."""
-    prediction = controller.prediction
+    prediction = controller.parts.model
     x = np.array(State(0, 0, 0, vx, 0.02, 0.0, 0, 0, 0.0))
     for _ in range(STEPS):
         x = prediction.step(x, np.array(Input(0.0, 0.0, 0.5, 0.0)), prediction.car)

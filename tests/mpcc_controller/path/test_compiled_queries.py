@@ -6,7 +6,8 @@ from capabilities import require
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller.path import compiled_queries, frenet_frame, reference_path, road_edges
+from mpcc_controller.path import arc, compiled_queries, frenet_frame, reference_path, road_edges
+from mpcc_controller.path.arc import Arc, Pose
 from mpcc_controller.path.reference_path import ReferencePath
 from msgs_yaml.types import Reference, RoadEdges
 
@@ -77,14 +78,38 @@ def test_projections_are_those_of_numpy(line, away, reach):
         assert foot == pytest.approx(expected, **NEAR)
 
 
+def closest_node(path, X, Y, near):
+    """Return the theta of the nearer end of the chord closest to a point.
+
+    The chord decides, not its ends: on a long one both are far from the foot.
+    """
+    arcs = Arc(*(column[1:] for column in path.arcs))
+    share, inside, square = reference_path.feet_on_chords(arcs, X, Y)
+    theta = arcs.theta[:-1] + inside * np.diff(arcs.theta)
+    best = np.argmin(np.sqrt(square) + compiled_queries.S_PENALTY * np.abs(theta - near))
+    return arcs.theta[best + int(share[best] > 0.5)]
+
+
+def refine_by_numpy(path, X, Y, s):
+    """Return `refine` by numpy."""
+    for _ in range(compiled_queries.PROJECTION_STEPS):
+        piece, _ = reference_path.arcs_by_numpy(path, s)
+        left = arc.contouring_error(Pose(piece.X, piece.Y, piece.psi), X, Y)
+        s = np.where(piece.kappa * left < 1, frenet_frame.to_frenet_on_arc(piece, X, Y).s, s)
+    piece, _ = reference_path.arcs_by_numpy(path, s)
+    return frenet_frame.FrenetPoint(
+        s, arc.contouring_error(Pose(piece.X, piece.Y, piece.psi), X, Y)
+    )
+
+
 @any_line
 @given(lines, st.sampled_from([0.0, 0.5, 5.0, 300.0]))
 def test_path_coordinates_are_those_of_numpy(line, away):
     rng, path = random_path(*line)
     X, Y = beside(rng, np.column_stack(path.arcs[:2]), 20, away)
     near = rng.uniform(0.0, path.length)
-    nodes = np.array([frenet_frame.closest_node(path, *point, near) for point in zip(X, Y)])
-    expected = frenet_frame.refine_by_numpy(path, X, Y, nodes)
+    nodes = np.array([closest_node(path, *point, near) for point in zip(X, Y)])
+    expected = refine_by_numpy(path, X, Y, nodes)
     point = frenet_frame.to_frenet(path, X, Y, near)
     again = frenet_frame.refine(path, X, Y, nodes)
     # a rounding before the Newton steps grows where the point is near the centre of an arc

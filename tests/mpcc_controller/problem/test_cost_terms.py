@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller.driving import initial_guess
+from mpcc_controller.driving import guesses
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import State
@@ -32,7 +32,7 @@ def pose_problem(world, situation, controller='mpcc', **changes):
     )
     car = stage_parameters.car(params, vehicle)
     x0 = State(50.0, 0.5, 0.05, 20.0, 0.0, 0.0, 50.0, 0.0, 0.0)
-    plan = initial_guess.guess_from_path(scene.path, x0, car, N, DT)
+    plan = guesses.from_path(scene.path, x0, car, N, DT)
     form = formulation.make(params, car)
     numbers = form.stage_parameters(scene, plan.X)
     return PlanEvaluator(form.ocp), form.to_local(plan, scene.path), numbers.P

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller.driving import initial_guess
+from mpcc_controller.driving import guesses
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.path import reference_path
@@ -34,7 +34,7 @@ def frenet(baseline, car):
 def swerve(scene, car):
     """Return a drive through the lane change, beside the path, as a plan in the map."""
     x0 = State(40.0, 0.6, 0.15, 20.0, 0.3, 0.2, 40.0, 0.02, -500.0)
-    plan = initial_guess.guess_from_path(scene.path, x0, car, N, DT)
+    plan = guesses.from_path(scene.path, x0, car, N, DT)
     return plan._replace(X=plan.X + np.array(State(0.2, -0.5, 0.1, 0, 0.4, 0, 0, 0, 0)))
 
 

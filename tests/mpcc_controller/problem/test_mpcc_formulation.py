@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mpcc_controller import run_time_parameters
-from mpcc_controller.driving import initial_guess, obstacle_passing
+from mpcc_controller.driving import guesses, ways
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.path import road_edges
@@ -35,7 +35,7 @@ def problem(mpcc):
 @pytest.fixture(scope='module')
 def numbers(car, scene, mpcc):
     x0 = State(20.0, 0.2, 0.05, 20.0, 0.3, 0.1, 20.0, 0.01, -500.0)
-    plan = initial_guess.guess_from_path(scene.path, x0, car, N, DT)
+    plan = guesses.from_path(scene.path, x0, car, N, DT)
     return plan, mpcc.stage_parameters(scene, plan.X)
 
 
@@ -135,9 +135,7 @@ def test_every_circle_counts_against_every_obstacle_and_edge(world, scene, offse
 def test_obstacles_move_with_their_velocity(car, scene, mpcc):
     moving = scene.obstacles.items[0]._replace(vX=-2.0, vY=1.0)
     moved = scene._replace(obstacles=scene.obstacles._replace(items=(moving,)))
-    plan = initial_guess.guess_from_path(
-        scene.path, State(0, 0, 0, 20.0, 0, 0, 0, 0, 0), car, N, DT
-    )
+    plan = guesses.from_path(scene.path, State(0, 0, 0, 20.0, 0, 0, 0, 0, 0), car, N, DT)
     numbers = mpcc.stage_parameters(moved, plan.X)
     first = numbers.stages.obstacles[0]
     assert first.X[-1] == pytest.approx(moving.X - 2.0 * N * DT)
@@ -148,9 +146,7 @@ def test_of_many_obstacles_the_ones_nearest_to_the_plan_count(car, scene, mpcc):
     obstacle = scene.obstacles.items[0]
     row = [obstacle._replace(id=i, X=20.0 + 0.0 * i, Y=3.0 * i) for i in range(9, 0, -1)]
     crowd = scene._replace(obstacles=scene.obstacles._replace(items=tuple(row)))
-    plan = initial_guess.guess_from_path(
-        scene.path, State(0, 0, 0, 20.0, 0, 0, 0, 0, 0), car, N, DT
-    )
+    plan = guesses.from_path(scene.path, State(0, 0, 0, 20.0, 0, 0, 0, 0, 0), car, N, DT)
     numbers = mpcc.stage_parameters(crowd, plan.X)
     assert [o.id for o in numbers.obstacles] == [1, 2, 3, 4]
 
@@ -296,7 +292,7 @@ def test_a_mover_is_given_more_room_the_later_the_stage(world, scene, name):
         params, vehicle = world.load(name, safety__growth_mps=growth)
         form = formulation.make(params, stage_parameters.car(params, vehicle))
         x0 = State(20.0, 0.2, 0.05, 20.0, 0.3, 0.1, 20.0, 0.01, -500.0)
-        plan = initial_guess.guess_from_path(scene.path, x0, form.car, N, DT)
+        plan = guesses.from_path(scene.path, x0, form.car, N, DT)
         P = form.stage_parameters(scene, plan.X).P
         names = ocp.build(form.ocp, N, DT).parameters
         radii.append([P[:, names.index(f'obstacles.{i}.r_obs')] for i in (0, 1)])
@@ -312,9 +308,9 @@ def test_plans_are_judged_by_the_distances_of_the_problem(world, scene, growth):
     params, vehicle = world.load(safety__growth_mps=growth)
     form = formulation.make(params, stage_parameters.car(params, vehicle))
     x0 = State(20.0, 0.2, 0.05, 20.0, 0.3, 0.1, 20.0, 0.01, -500.0)
-    plan = initial_guess.guess_from_path(scene.path, x0, form.car, N, DT)
+    plan = guesses.from_path(scene.path, x0, form.car, N, DT)
     in_problem = PlanEvaluator(form.ocp).evaluate(plan, form.stage_parameters(scene, plan.X).P).v2o
-    judged = obstacle_passing.least_gaps(plan.X, scene, params)
+    judged = ways.least_gaps(plan.X, scene, params)
     assert judged == pytest.approx([np.min(D) for D in in_problem[:2]], abs=1e-3)
 
 
@@ -329,7 +325,7 @@ def test_the_safety_distance_to_edges_fits_a_narrow_road(world, scene):
         params, vehicle = world.load(safety__fit_edges=fits)
         form = formulation.make(params, stage_parameters.car(params, vehicle))
         x0 = State(5.0, 0.0, 0.0, 20.0, 0.0, 0.0, 5.0, 0.0, 0.0)
-        plan = initial_guess.guess_from_path(scene.path, x0, form.car, N, DT)
+        plan = guesses.from_path(scene.path, x0, form.car, N, DT)
         P = form.stage_parameters(scene, plan.X).P
         names = list(ocp.build(form.ocp, N, DT).parameters)
         at_edge = names.index('D_sft.e')

@@ -1,7 +1,5 @@
 """Obstacles over the horizon: constant velocity, and braking that is observed."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,8 +11,9 @@ from mpcc_controller.problem.obstacle_motion import (
     MAX_DECELERATION,
     ExpectedObstacle,
     Line,
-    ObstacleObserver,
+    expected,
     moved,
+    observed,
     position,
     velocity,
 )
@@ -26,8 +25,21 @@ SPEED = 13.0  # of CAR
 
 
 @pytest.fixture
-def observer(params):
-    return ObstacleObserver(replace(params.surroundings, braking_window_s=1.0))
+def observer():
+    return Observer(1.0)
+
+
+class Observer:
+    """The speeds of obstacles that were observed."""
+
+    def __init__(self, window_s):
+        self.window_s, self.speeds = window_s, {}
+
+    def observe(self, message):
+        self.speeds = observed(self.speeds, message, self.window_s)
+
+    def predict(self, message):
+        return expected(message, self.speeds)
 
 
 def slowing(deceleration, ticks, first=0):
@@ -108,7 +120,7 @@ def test_a_constant_deceleration_is_observed_from_three_messages_on(observer, de
 
 def test_an_obstacle_that_gets_faster_or_keeps_its_speed_keeps_its_velocity(observer):
     for deceleration in (-2.0, 0.0):
-        observer.reset()
+        observer.speeds = {}
         for message in slowing(deceleration, 4):
             observer.observe(message)
         assert observer.predict(message) == message
@@ -139,19 +151,19 @@ def noisy(messages, deviation, seed):
 
 @pytest.mark.parametrize('deviation', [0.1, 0.3])
 def test_noise_of_a_tracker_is_not_taken_for_braking(observer, deviation):
-    expected = []
+    braking = []
     for message in noisy(slowing(0.0, 2000), deviation, seed=1):
         observer.observe(message)
-        expected.append(observer.predict(message) != message)
-    assert np.mean(expected) < 0.01
+        braking.append(observer.predict(message) != message)
+    assert np.mean(braking) < 0.01
 
 
 @pytest.mark.parametrize('deviation', [0.1, 0.3])
 @pytest.mark.parametrize('deceleration', [2.0, 5.0])
-def test_braking_is_seen_through_the_noise_within_a_second(params, deviation, deceleration):
+def test_braking_is_seen_through_the_noise_within_a_second(deviation, deceleration):
     seen = []
     for seed in range(20):
-        observer = ObstacleObserver(replace(params.surroundings, braking_window_s=1.0))
+        observer = Observer(1.0)
         for message in noisy(slowing(0.0, 20), deviation, seed):
             observer.observe(message)
         later = (m._replace(stamp_ns=m.stamp_ns + TICK_NS) for m in slowing(deceleration, 40, -19))
@@ -184,8 +196,8 @@ def test_a_standing_obstacle_does_not_brake(observer):
     assert observer.predict(message) == message
 
 
-def test_without_the_parameter_nothing_is_observed(params):
-    observer = ObstacleObserver(params.surroundings)
+def test_without_the_parameter_nothing_is_observed():
+    observer = Observer(None)
     for message in slowing(5.0, 3):
         observer.observe(message)
     assert observer.predict(message) is message

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from mpcc_controller.driving import initial_guess
+from mpcc_controller.driving import guesses
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import State
 from mpcc_controller.path import reference_path, road_edges
 from mpcc_controller.problem import bounds, formulation, ocp, stage_parameters
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.types import Obstacle, Obstacles, Reference, RoadEdges
+from stage_solver.reference_solvers import ReferenceSolver
 from stage_solver.solution import SOLVED, SolverOptions
 from stage_solver.solver import make_solver
 from stage_solver.stage_problem import Plan
@@ -40,16 +41,14 @@ class Drive:
         model = self.params.model
         scene = self.scene._replace(obstacles=Obstacles(0, obstacles))
         if plan is None:
-            plan = initial_guess.guess_from_path(
-                scene.path, x0, self.car, model.horizon, model.step_s
-            )
-        plan = initial_guess.start_at(plan, x0)
+            plan = guesses.from_path(scene.path, x0, self.car, model.horizon, model.step_s)
+        plan = guesses.start_at(plan, x0)
         P = self.formulation.stage_parameters(scene, plan.X).P
         limits = bounds.build(self.params.limits, self.car, x0.Fx, model.horizon, model.step_s)
         return np.array(x0), P, limits, plan
 
     def shifted(self, plan):
-        return initial_guess.shift_to(plan, self.motion, self.car, State(*plan.X[1]))
+        return guesses.shift_to(plan, self.motion, self.car, State(*plan.X[1]))
 
 
 @pytest.fixture(scope='module')
@@ -59,16 +58,12 @@ def drive(world):
 
 @pytest.fixture(scope='module')
 def fatrop(drive):
-    return make_solver(drive.problem, options('fatrop', 1e-8))
+    return ReferenceSolver(drive.problem, 'fatrop', SolverOptions(200, 1e-8))
 
 
 @pytest.fixture(scope='module')
 def riccati(drive):
-    return make_solver(drive.problem, options('riccati', 1e-6))
-
-
-def options(name, tolerance):
-    return SolverOptions(name, 200, tolerance, time_limit_s=None, compiled=False)
+    return make_solver(drive.problem, SolverOptions(200, 1e-6))
 
 
 def test_a_cold_start_reaches_the_same_cost_as_fatrop(drive, riccati, fatrop):

@@ -103,13 +103,13 @@ def test_steps_of_a_millisecond_follow_another_integrator(plant):
     np.testing.assert_allclose(np.asarray(x).ravel()[:6], reference[:6], rtol=0, atol=2e-4)
 
 
-def test_compiled_steps_are_the_interpreted_ones(plant):
+def test_compiled_steps_are_the_interpreted_ones(plant, advance_interpreted):
     p = integrator.parameter_vector(plant, 0.9)
     x = MULTI_BODY.start(plant, Start(1.0, 2.0, 0.3, SPEED))
     set_points = np.linspace([0.0, 0.0, 0.0], [0.05, -2000.0, -1000.0], 21)
     patches = road_friction.patch_array([0, -50, 50, -50, 50, 50, 0, 50], [0.6])
     state, rows = integrator.advance(x, set_points, p, patches=patches, model=MULTI_BODY)
-    again, slow = integrator._interpret(x, set_points, p, 1e-3, patches, MULTI_BODY)
+    again, slow = advance_interpreted(x, set_points, p, patches, MULTI_BODY)
     np.testing.assert_allclose(rows, slow, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(state, again, rtol=1e-9, atol=1e-9)
 

@@ -5,22 +5,19 @@ evaluate signals: t is time [s], x and y are arrays over the rows of a trajector
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from vehicle_plant import integrator, plant_models
-from vehicle_plant.actuators import DelayLine, delay_steps
+from msgs_yaml.types import Command
 from vehicle_plant.car import PlantParams
 from vehicle_plant.initial_state import Start
 from vehicle_plant.manoeuvres.settings import Settings
-from vehicle_plant.simulator import START_NS, STEP_NS, TICK_STEPS
-from vehicle_plant.state import SetPoints, Trajectory
+from vehicle_plant.simulator import START_NS, TICK_NS, Simulator
+from vehicle_plant.state import SetPoints, Trajectory, join_trajectories
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-TICK_S = TICK_STEPS * integrator.STEP_S
+TICK_S = TICK_NS / 1e9
 LOW, HALF, HIGH = 0.1, 0.5, 0.9  # of the steady state: rise time, response time (ISO 7401)
 MS_PER_S = 1000
 
@@ -54,35 +51,21 @@ class Number(NamedTuple):
     meaning: str
 
 
-def drive(run: Run, case: Case, step_s: float = integrator.STEP_S, side: int = 1) -> Trajectory:
+def drive(run: Run, case: Case) -> Trajectory:
     """Return the trajectory of a run, one row per millisecond, the first at 1 ms.
 
-    step_s: of the integrator, a whole fraction or multiple of 1 ms that divides 50 ms; a longer
-    one leaves fewer rows. side: -1 mirrors the steer. With 1 ms the trajectory is that of a
-    `Simulator` under the same commands, bit by bit.
+    Raises RefusedError when the gate of the plant refuses a command.
     """
-    p = integrator.parameter_vector(case.plant, case.friction)
-    model = plant_models.model_of(case.plant)
-    x = model.start(case.plant, Start(0.0, 0.0, 0.0, run.speed))
-    vx = run.speed
-    steps = round(TICK_S / step_s)
-    stride = max(round(integrator.STEP_S / step_s), 1)
-    done = np.arange(steps + 1)[:, None] / steps
-    delays = (round(n * integrator.STEP_S / step_s) for n in delay_steps(case.plant.car))
-    line = DelayLine(SetPoints(*delays), SetPoints(0.0, 0.0, 0.0))
-    now = np.zeros(len(SetPoints._fields))
-    rows = []
+    # a law may ask an axle for more than it gives: its servo and its tyres limit that
+    gate = replace(case.plant.car.gate, force_tolerance_n=np.inf, friction_use=np.inf)
+    plant = replace(case.plant, car=replace(case.plant.car, gate=gate))
+    car = Simulator(plant, case.friction, Start(0.0, 0.0, 0.0, run.speed))
+    vx, pieces = run.speed, []
     for tick in range(1, round(run.seconds / TICK_S) + 1):
-        target = run.law(tick * TICK_S, vx)
-        due = np.array([side * target.delta, target.Fxf, target.Fxr])
-        path = np.where(done < 1, now + (due - now) * done, due)
-        x, burst = integrator.advance(x, line.shift(path), p, step_s, model=model)
-        now = due
-        rows.append(burst[stride - 1 :: stride])
-        vx = Trajectory(np.empty(0), rows[-1]).column('planar.vx')[-1]
-    rows = np.concatenate(rows)
-    every_ns = STEP_NS * round(step_s * stride / integrator.STEP_S)
-    return Trajectory(START_NS + every_ns * np.arange(1, len(rows) + 1, dtype=np.int64), rows)
+        delta, *forces = run.law(tick * TICK_S, vx)
+        pieces.append(car.follow(Command(car.stamp_ns, delta, 0.0, *forces)))
+        vx = pieces[-1].column('planar.vx')[-1]
+    return join_trajectories(pieces)
 
 
 def times(trajectory: Trajectory) -> np.ndarray:
@@ -116,23 +99,6 @@ def driving_resistance(car, speed: float) -> float:
     body = car.body
     drag = body.air_density_kgpm3 / 2 * body.drag_area_m2 * speed**2
     return drag + car.wheel.rolling_resistance * body.mass_kg * body.gravity_mps2
-
-
-def new_figure(width: float, height: float) -> 'Figure':
-    """Return a figure of a size [inch]."""
-    # half a second, which the help must not take
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout='constrained')
-
-
-def label_axes(axes, y: str, x: str = '', legend: bool = True) -> None:
-    """Label the axes of a panel; draw its grid and legend."""
-    axes.set_ylabel(y)
-    axes.set_xlabel(x)
-    axes.grid()
-    if legend:
-        axes.legend()
 
 
 def first_crossing_time(t: np.ndarray, y: np.ndarray, level: float) -> float:

@@ -6,16 +6,13 @@ the servo has no effect.
 """
 
 from math import ceil
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from vehicle_plant.manoeuvres import linear_single_track, procedure
 from vehicle_plant.manoeuvres.procedure import Case, Number, Run
 from vehicle_plant.state import SetPoints, Trajectory
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 FORMS = {
     'single track': {'relaxation': False},
@@ -107,41 +104,3 @@ def numbers(case: Case, _, trajectories: list[Trajectory]) -> dict[str, Number]:
     ay = np.abs(trajectory.column('acceleration.ay')).max()
     result['greatest_ay'] = Number(float(ay), 'm/s^2', 'lateral acceleration')
     return result
-
-
-def draw(case: Case, _, trajectories: list[Trajectory]) -> 'Figure':
-    """Return gain and phase over frequency, and the differences to the closed forms."""
-    (trajectory,), p = trajectories, case.settings.sine_sweep
-    f_hz = np.array(p.frequencies_hz)
-    H = response(case, trajectory)
-    car = linear_single_track.linear_car(case.plant, case.friction)
-    fine = np.geomspace(f_hz[0], f_hz[-1], 200)
-    figure = procedure.new_figure(11, 7)
-    (gain, gain_error), (phase, phase_error) = figure.subplots(2, 2, sharex=True)
-    for (form, options), style in zip(FORMS.items(), (':', '--', '-')):
-        closed = linear_single_track.yaw_rate_response(car, p.speed_mps, fine, **options)
-        gain.plot(fine, np.abs(closed), style, label=form)
-        phase.plot(fine, np.degrees(np.unwrap(np.angle(closed))), style)
-        ratio = H / linear_single_track.yaw_rate_response(car, p.speed_mps, f_hz, **options)
-        gain_error.plot(f_hz, 100 * (np.abs(ratio) - 1), 'o' + style, label=f'against {form}')
-        phase_error.plot(f_hz, np.degrees(np.angle(ratio)), 'o' + style)
-    gain.plot(f_hz, np.abs(H), 'ko', label='plant')
-    phase.plot(f_hz, np.degrees(np.unwrap(np.angle(H))), 'ko')
-    for axes, limit in ((gain_error, 3), (phase_error, 5)):
-        axes.axhspan(-limit, limit, color='k', alpha=0.08)
-    for axes in (gain, gain_error, phase, phase_error):
-        axes.set_xscale('log')
-        axes.set_xticks(f_hz, [f'{f:g}' for f in f_hz])
-        axes.minorticks_off()
-    procedure.label_axes(gain, 'yaw rate over road-wheel angle [1/s]')
-    procedure.label_axes(gain_error, 'gain of the plant relative to it [%]')
-    procedure.label_axes(phase, 'phase [deg]', 'frequency [Hz]', legend=False)
-    procedure.label_axes(
-        phase_error, 'phase of the plant relative to it [deg]', 'frequency [Hz]', legend=False
-    )
-    ay = np.abs(trajectory.column('acceleration.ay')).max()
-    figure.suptitle(
-        f'Sine sweep (ISO 7401) at {p.speed_mps:.1f} m/s, up to {ay:.2f} m/s², '
-        f'friction {case.friction:g}; grey: 3 % and 5 deg'
-    )
-    return figure

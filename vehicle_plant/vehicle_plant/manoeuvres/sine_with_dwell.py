@@ -4,16 +4,11 @@ The rule is written for cars with electronic stability control; this car has non
 amplitudes may fail it: the numbers include the greatest amplitude that passes.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from vehicle_plant.manoeuvres import procedure, steady_circle
 from vehicle_plant.manoeuvres.procedure import Case, Number, Run
 from vehicle_plant.state import SetPoints, Trajectory
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SECOND_PEAK = 0.75  # of the period
 
@@ -80,43 +75,3 @@ def numbers(case: Case, _, trajectories: list[Trajectory]) -> dict[str, Number]:
     result['unit_steer'] = Number(unit, 'rad', 'road-wheel angle of amplitude 1, as reached')
     result['passed_up_to'] = Number(passed, '-', 'amplitude up to which all criteria are met')
     return result
-
-
-def draw(case: Case, runs: tuple[Run, ...], trajectories: list[Trajectory]) -> 'Figure':
-    """Return steer, yaw rate and path of all amplitudes, and the criteria over the amplitude."""
-    p, settle_s = case.settings.sine_with_dwell, case.settings.settle_s
-    figure = procedure.new_figure(12, 7)
-    (steer, ratio), (yaw_rate, path) = figure.subplots(2, 2)
-    # from a pale to a dark blue
-    shades = np.linspace(0, 1, len(trajectories))
-    for run, trajectory, shade in zip(runs, trajectories, shades):
-        t, column = procedure.times(trajectory) - settle_s, trajectory.column
-        blue = (0.75 * (1 - shade), 0.8 * (1 - shade), 1 - 0.4 * shade)
-        style = {'color': blue, 'label': run.label}
-        steer.plot(t, np.degrees(column('servos.steer.position')), **style)
-        yaw_rate.plot(t, np.degrees(column('planar.r')), **style)
-        path.plot(column('planar.X'), column('planar.Y'), **style)
-    done = 1 / p.frequency_hz + p.dwell_s
-    for after in (p.early_s, p.late_s):
-        yaw_rate.axvline(done + after, color='k', linestyle=':')
-    early, late, displacement = zip(*(criteria(case, each) for each in trajectories))
-    curves = (
-        (early, p.early_ratio, f'yaw rate left after {p.early_s:g} s'),
-        (late, p.late_ratio, f'yaw rate left after {p.late_s:g} s'),
-        (displacement, p.displacement_m, f'displacement after {p.displaced_s:g} s [m]'),
-    )
-    for number, (y, limit, label) in enumerate(curves):
-        ratio.plot(p.amplitudes, y, 'o-', label=label, color=f'C{number}')
-        ratio.axhline(limit, color=f'C{number}', linestyle=':')
-    since = 'time since the beginning of steer [s]'
-    procedure.label_axes(steer, 'road-wheel angle [deg]', since, legend=False)
-    procedure.label_axes(yaw_rate, 'yaw rate [deg/s]', since, legend=False)
-    procedure.label_axes(path, 'Y [m]', 'X [m]', legend=False)
-    unit = f'amplitude over the steer for {case.scaled(p.unit_ay_mps2):.2f} m/s² [-]'
-    procedure.label_axes(ratio, 'of the peak [-], displacement [m]', unit)
-    steer.legend(title='amplitude', ncols=2, fontsize='small')
-    figure.suptitle(
-        f'Sine with dwell (FMVSS 126) at {p.speed_mps:.1f} m/s, friction {case.friction:g}; '
-        'dotted: limits'
-    )
-    return figure

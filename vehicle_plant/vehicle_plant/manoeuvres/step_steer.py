@@ -4,16 +4,11 @@ Times count from the instant at which the road wheels have reached half their an
 to 90 % of the steady state, peak response time to the peak. Rise time is that from 10 to 90 %.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from vehicle_plant.manoeuvres import linear_single_track, procedure
 from vehicle_plant.manoeuvres.procedure import Case, Number, Run
 from vehicle_plant.state import SetPoints, Trajectory
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SIGNALS = {'yaw_rate': 'planar.r', 'ay': 'acceleration.ay'}
 
@@ -65,32 +60,3 @@ def numbers(case: Case, _, trajectories: list[Trajectory]) -> dict[str, Number]:
     result['yaw_rate_gain'] = Number(gain, '1/s', 'steady yaw rate over road-wheel angle')
     result['steady_speed'] = Number(vx, 'm/s', 'mean in the steady state')
     return result
-
-
-def draw(case: Case, runs: tuple[Run, ...], trajectories: list[Trajectory]) -> 'Figure':
-    """Return steer, yaw rate, lateral acceleration and attitude over time."""
-    (trajectory,), settle_s = trajectories, case.settings.settle_s
-    t, column = procedure.times(trajectory) - settle_s, trajectory.column
-    figure = procedure.new_figure(10, 7)
-    (steer, yaw_rate), (ay, angle) = figure.subplots(2, 2, sharex=True)
-    steer.plot(t, np.degrees(column('servos.steer.position')))
-    for axes, y in ((yaw_rate, np.degrees(column('planar.r'))), (ay, column('acceleration.ay'))):
-        axes.plot(t, y)
-        steady = _steady(case, t + settle_s, y)
-        for share in (procedure.LOW, procedure.HIGH, 1):
-            axes.axhline(share * steady, color='k', linestyle=':', linewidth=1)
-        axes.text(t[-1], steady, 'steady', ha='right', va='bottom')
-    angle.plot(t, np.degrees(column('ride.phi')), label='roll')
-    beta = np.arctan2(column('planar.vy'), column('planar.vx'))
-    angle.plot(t, np.degrees(beta), label='side slip of the CoG')
-    since = 'time since the step [s]'
-    procedure.label_axes(steer, 'road-wheel angle [deg]', legend=False)
-    procedure.label_axes(yaw_rate, 'yaw rate [deg/s]', legend=False)
-    procedure.label_axes(ay, 'lateral acceleration [m/s²]', since, legend=False)
-    procedure.label_axes(angle, 'angle [deg]', since)
-    steer.set_xlim(-settle_s / 2, t[-1])
-    figure.suptitle(
-        f'Step steer (ISO 7401) to {runs[0].label} at {runs[0].speed:.1f} m/s, '
-        f'friction {case.friction:g}; dotted: 10, 90 and 100 %'
-    )
-    return figure

@@ -6,7 +6,7 @@ t = M / sqrt(F k) atan(v sqrt(k / F)); without drag s = M v^2 / (2 F) and t = M 
 fully developed deceleration is that of UN R13-H: from 80 to 10 % of the initial speed.
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,9 +14,6 @@ from msgs_yaml.types import WHEELS
 from vehicle_plant.manoeuvres import procedure
 from vehicle_plant.manoeuvres.procedure import Case, Number, Run
 from vehicle_plant.state import SetPoints, Trajectory
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 FULL_FROM, FULL_TO = 0.8, 0.1  # of the initial speed
 FULL_BRAKE_SHARE = 0.99  # of the brake force
@@ -40,14 +37,6 @@ class ClosedForm(NamedTuple):
         if not self.k:
             return self.M * v / self.F
         return self.M / np.sqrt(self.F * self.k) * np.arctan(v * np.sqrt(self.k / self.F))
-
-    def speed(self, remaining):
-        """Return the speed at a time before standstill [m/s]."""
-        remaining = np.clip(remaining, 0, None)
-        if not self.k:
-            return self.F / self.M * remaining
-        angle = remaining * np.sqrt(self.F * self.k) / self.M
-        return np.sqrt(self.F / self.k) * np.tan(angle)
 
 
 def brake_forces(case: Case, deceleration: float, front_share: float) -> tuple[float, float]:
@@ -81,21 +70,16 @@ def runs(case: Case) -> tuple[Run, ...]:
     return (Run(f'{case.scaled(p.deceleration_mps2):g} m/s²', p.speed_mps, seconds, law),)
 
 
-def _full_brake_row(case: Case, trajectory: Trajectory) -> int:
-    """Return the row from which the brakes are fully on."""
-    p = case.settings.straight_braking
-    front, rear = brake_forces(case, p.deceleration_mps2, p.front_share)
-    force = trajectory.column('servos.front.position') + trajectory.column('servos.rear.position')
-    return int(np.flatnonzero(force > FULL_BRAKE_SHARE * (front + rear))[-1]) + 1
-
-
 def numbers(case: Case, _, trajectories: list[Trajectory]) -> dict[str, Number]:
     """Return distances of the plant and of the closed form, and the deceleration."""
     (trajectory,), p = trajectories, case.settings.straight_braking
     settle_s, column = case.settings.settle_s, trajectory.column
     t, X, vx = procedure.times(trajectory), column('planar.X'), column('planar.vx')
     begin = round(settle_s * procedure.MS_PER_S)
-    full, end = _full_brake_row(case, trajectory), int(np.flatnonzero(vx <= 0)[0])  # stands
+    force = column('servos.front.position') + column('servos.rear.position')
+    wanted = sum(brake_forces(case, p.deceleration_mps2, p.front_share))
+    full = int(np.flatnonzero(force > FULL_BRAKE_SHARE * wanted)[-1]) + 1
+    end = int(np.flatnonzero(vx <= 0)[0])  # stands
     high, low = FULL_FROM * p.speed_mps, FULL_TO * p.speed_mps
     X_high, X_low = (float(np.interp(-v, -vx[full:end], X[full:end])) for v in (high, low))
     distance, expected = X[end] - X[full], float(closed_form(case).distance(vx[full]))
@@ -113,34 +97,3 @@ def numbers(case: Case, _, trajectories: list[Trajectory]) -> dict[str, Number]:
         'creep': Number(float(creep), 'm/s', 'speed left while standing'),
         'greatest_slip': Number(float(slip), '-', 'of any wheel'),
     }
-
-
-def draw(case: Case, runs: tuple[Run, ...], trajectories: list[Trajectory]) -> 'Figure':
-    """Return speed, deceleration, wheel slip and loads over time."""
-    (trajectory,), settle_s = trajectories, case.settings.settle_s
-    column, form = trajectory.column, closed_form(case)
-    t = procedure.times(trajectory) - settle_s
-    full = _full_brake_row(case, trajectory)
-    vx = column('planar.vx')
-    remaining = float(form.duration(vx[full])) - (t - t[full])
-    closed = form.speed(remaining)
-    figure = procedure.new_figure(11, 7)
-    (speed, slowing), (slip, load) = figure.subplots(2, 2, sharex=True)
-    speed.plot(t, vx, label='plant')
-    speed.plot(t[full:], closed[full:], 'k--', label='closed form, full brakes')
-    slowing.plot(t, -column('acceleration.ax'), label='plant')
-    moving = (remaining > 0) & (np.arange(len(t)) >= full)
-    expected = (form.F + form.k * closed**2) / form.M
-    slowing.plot(t[moving], expected[moving], 'k--', label='closed form')
-    for w in ('fl', 'rl'):
-        slip.plot(t, 100 * column(f'wheels.{w}.kappa'), label=w)
-        load.plot(t, column(f'loads.{w}.Fz') / 1e3, label=w)
-    procedure.label_axes(speed, 'speed [m/s]')
-    procedure.label_axes(slowing, 'deceleration [m/s²]')
-    procedure.label_axes(slip, 'longitudinal slip [%]', 'time since the brake command [s]')
-    procedure.label_axes(load, 'wheel load [kN]', 'time since the brake command [s]')
-    speed.set_xlim(-settle_s / 2, t[-1])
-    figure.suptitle(
-        f'Straight braking with {runs[0].label} without ABS, friction {case.friction:g}'
-    )
-    return figure

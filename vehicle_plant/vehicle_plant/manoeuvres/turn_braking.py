@@ -5,8 +5,6 @@ speed, r / (V / R); above 1 the car turns in, below 1 it runs wide. Also side sl
 CoG outside its circle, and whether a wheel locks: the car has no ABS.
 """
 
-from typing import TYPE_CHECKING, NamedTuple
-
 import numpy as np
 
 from msgs_yaml.types import WHEELS
@@ -14,9 +12,6 @@ from vehicle_plant.manoeuvres import procedure, steady_circle
 from vehicle_plant.manoeuvres.procedure import Case, Number, Run
 from vehicle_plant.manoeuvres.straight_braking import brake_forces
 from vehicle_plant.state import Planar, SetPoints, Trajectory
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def _brake_time(case: Case) -> float:
@@ -48,88 +43,39 @@ def runs(case: Case) -> tuple[Run, ...]:
     )
 
 
-class Motion(NamedTuple):
-    """The evaluated quantities, (n,) each."""
-
-    t: np.ndarray  # s since the brake command
-    ratio: np.ndarray  # -, yaw rate over V / R
-    beta: np.ndarray  # rad, side slip
-    outside: np.ndarray  # m, distance of the CoG outside the circle
-
-
-def _row_before_brakes(case: Case) -> int:
-    return round(_brake_time(case) * procedure.MS_PER_S) - 1
-
-
-def _motion(case: Case, trajectory: Trajectory) -> Motion:
-    t = procedure.times(trajectory) - _brake_time(case)
-    X, Y, psi, vx, vy, r = (trajectory.column(f'planar.{n}') for n in Planar._fields)
-    V, beta = np.hypot(vx, vy), np.arctan2(vy, vx)
-    i = _row_before_brakes(case)
-    R, heading = V[i] / r[i], psi[i] + beta[i]
-    centre = X[i] - R * np.sin(heading), Y[i] + R * np.cos(heading)
-    return Motion(t, r * R / V, beta, np.hypot(X - centre[0], Y - centre[1]) - abs(R))
-
-
 def numbers(case: Case, runs: tuple[Run, ...], trajectories: list[Trajectory]) -> dict[str, Number]:
     """Return the evaluation at each level of braking."""
-    p, i = case.settings.turn_braking, _row_before_brakes(case)
-    vx, vy, r, ay = (
-        float(trajectories[0].column(n)[i])
-        for n in ('planar.vx', 'planar.vy', 'planar.r', 'acceleration.ay')
-    )
-    initial_speed = float(np.hypot(vx, vy))
-    result = {
-        'initial_radius': Number(float(np.hypot(vx, vy) / r), 'm', 'V / r before the brakes'),
-        'initial_ay': Number(ay, 'm/s^2', 'lateral acceleration before the brakes'),
-    }
+    p, brake_s = case.settings.turn_braking, _brake_time(case)
+    before = round(brake_s * procedure.MS_PER_S) - 1  # row
+    result = {}
     for level, run, trajectory in zip(p.decelerations_mps2, runs, trajectories):
-        m, column = _motion(case, trajectory), trajectory.column
-        within = (m.t > 0) & (m.t <= p.judged_s)
+        t, column = procedure.times(trajectory) - brake_s, trajectory.column
+        X, Y, psi, vx, vy, r = (column(f'planar.{name}') for name in Planar._fields)
+        V, beta = np.hypot(vx, vy), np.arctan2(vy, vx)
+        R, heading = V[before] / r[before], psi[before] + beta[before]
+        # distance of the CoG outside the circle around (X0, Y0)
+        X0, Y0 = X[before] - R * np.sin(heading), Y[before] + R * np.cos(heading)
+        outside, ratio = np.hypot(X - X0, Y - Y0) - abs(R), r * R / V
+        if not result:
+            ay = float(column('acceleration.ay')[before])
+            result = {
+                'initial_radius': Number(float(R), 'm', 'V / r before the brakes'),
+                'initial_ay': Number(ay, 'm/s^2', 'lateral acceleration before the brakes'),
+            }
+            initial_speed = float(V[before])
+        within = (t > 0) & (t <= p.judged_s)
         slip = float(-min(column(f'wheels.{w}.kappa')[within].min() for w in WHEELS))
-        speed = np.hypot(column('planar.vx'), column('planar.vy'))
-        loss = initial_speed - procedure.value_at(m.t, speed, p.judged_s)
-        ratio, beta, outside = (
-            procedure.value_at(m.t, y, p.judged_s) for y in (m.ratio, m.beta, m.outside)
+        speed, judged_ratio, judged_beta, judged_outside = (
+            procedure.value_at(t, y, p.judged_s) for y in (V, ratio, beta, outside)
         )
-        greatest, deceleration = float(m.ratio[within].max()), loss / p.judged_s
+        deceleration, greatest = (initial_speed - speed) / p.judged_s, float(ratio[within].max())
         when = f'{p.judged_s:g} s after braking with {run.label} begins'
         result |= {
             f'mean_deceleration_at_{level:g}': Number(deceleration, 'm/s^2', f'over the {when}'),
-            f'yaw_rate_ratio_at_{level:g}': Number(ratio, '-', when),
-            f'sideslip_at_{level:g}': Number(beta, 'rad', when),
-            f'outside_at_{level:g}': Number(outside, 'm', when),
+            f'yaw_rate_ratio_at_{level:g}': Number(judged_ratio, '-', when),
+            f'sideslip_at_{level:g}': Number(judged_beta, 'rad', when),
+            f'outside_at_{level:g}': Number(judged_outside, 'm', when),
             f'greatest_yaw_rate_ratio_at_{level:g}': Number(greatest, '-', f'within {when}'),
             f'greatest_brake_slip_at_{level:g}': Number(slip, '-', 'of any wheel till then'),
         }
     return result
-
-
-def draw(case: Case, runs: tuple[Run, ...], trajectories: list[Trajectory]) -> 'Figure':
-    """Return yaw-rate ratio, distance to the circle, side slip and speed over time."""
-    p = case.settings.turn_braking
-    figure = procedure.new_figure(11, 7)
-    (turning, wide), (slip, speed) = figure.subplots(2, 2)
-    for run, trajectory in zip(runs, trajectories):
-        m = _motion(case, trajectory)
-        shown = m.t > -p.judged_s / 2
-        t = m.t[shown]
-        turning.plot(t, m.ratio[shown], label=run.label)
-        wide.plot(t, m.outside[shown])
-        slip.plot(t, np.degrees(m.beta[shown]))
-        speed.plot(t, trajectory.column('planar.vx')[shown])
-    labels = {
-        turning: 'yaw rate over V / R [-]',
-        wide: 'CoG outside its circle [m]',
-        slip: 'side slip of the CoG [deg]',
-        speed: 'speed [m/s]',
-    }
-    for axes, label in labels.items():
-        axes.axvline(p.judged_s, color='k', linestyle=':')
-        procedure.label_axes(axes, label, 'time since the brake command [s]', legend=False)
-    turning.legend(title='braking')
-    figure.suptitle(
-        f'Braking in a turn (ISO 7975), {p.radius_m:g} m at {runs[0].speed:.1f} m/s, '
-        f'friction {case.friction:g}; dotted: evaluated'
-    )
-    return figure

@@ -19,7 +19,7 @@ from bags.evaluation.metrics import outcome  # isort: skip
 from bags.evaluation.metrics import survival  # noqa: F401 # isort: skip
 from bags.evaluation.metrics import driving  # noqa: F401 # isort: skip
 from bags.evaluation.metrics.registry import METRICS, EvaluatedDrive
-from bags.evaluation.series import Series, compute_series
+from bags.evaluation.series import Series
 
 VERDICT = 'verdict'  # how the run ended, in words
 
@@ -30,9 +30,10 @@ def compute_metrics(drive: Drive, series: Series | None = None) -> dict[str, Any
     With `series`, that of the drive, all samples of the drive must be finite; otherwise samples
     that are not finite are left out. Raises BagError when no state of the car is left.
     """
-    if series is None:
-        drive = drop_nonfinite(drive)
-        series = compute_series(drive)
-    run = EvaluatedDrive(drive, series)
+    return metrics_of(EvaluatedDrive(drop_nonfinite(drive) if series is None else drive, series))
+
+
+def metrics_of(run: EvaluatedDrive) -> dict[str, Any]:
+    """Return every metric of a run by name, as `compute_metrics` does."""
     values = {metric.name: run.value(metric.function) for metric in METRICS.values()}
     return {VERDICT: outcome.describe_outcome(run, values), **values}

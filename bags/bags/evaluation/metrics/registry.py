@@ -13,25 +13,63 @@ a new module are registered when `metrics/__init__.py` imports it.
 
 import inspect
 from collections.abc import Callable, Mapping
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from bags.evaluation.controller_log import EMPTY_LOG, ControllerLog
 from bags.evaluation.drive import Drive
-from bags.evaluation.series import Series
+from bags.evaluation.series import Series, compute_series
+from bags.storage.columns import Columns
 
 
 class EvaluatedDrive:
-    """A drive of finite samples and its Series, the argument of every metric."""
+    """One run, evaluated once: the argument of every metric, signal, figure and view.
 
-    def __init__(self, drive: Drive, series: Series):
-        self.drive, self.series = drive, series
-        self._values: dict[Callable, Any] = {}
+    drive   its arrays; all samples are finite
+    series  distances and angles at every message of the odometry
+    tables  by topic, those that were recorded; {} where the drive is all that is known
+    log     what the controller published about its ticks
+    name    what it is called in tables and figures
+    look    how its curves are drawn, once `panels.assign` gave it one
+    """
+
+    drive: Drive
+    tables: Mapping[str, Columns] = MappingProxyType({})
+    log: ControllerLog = EMPTY_LOG
+    name: str = ''
+    look: Any = None
+
+    def __init__(self, drive: Drive, series: Series | None = None, log: ControllerLog = EMPTY_LOG):
+        self.drive, self.log = drive, log
+        if series is not None:
+            self.series = series
+
+    @cached_property
+    def series(self) -> Series:
+        """Distances and angles of the drive."""
+        return compute_series(self.drive)
+
+    @cached_property
+    def _values(self) -> dict[Callable, Any]:
+        return {}
 
     def value(self, function: Callable[['EvaluatedDrive'], Any]) -> Any:
         """Return function(self), computed once: so metrics may use each other's values."""
         if function not in self._values:
             self._values[function] = function(self)
         return self._values[function]
+
+    @property
+    def stamp_ns(self) -> np.ndarray:
+        """The time base (n,) int64 [ns]: the stamps of the odometry."""
+        return self.drive.motion.stamp_ns
+
+    def station_at(self, stamp_ns: np.ndarray) -> np.ndarray:
+        """Return the station (n,) [m] at each stamp."""
+        return np.interp(stamp_ns, self.stamp_ns, self.series.station)
 
 
 class Metric(NamedTuple):

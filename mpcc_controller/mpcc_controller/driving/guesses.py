@@ -1,0 +1,220 @@
+"""Initial guesses: last plan, path, control law, ways around hazards, braking. SI units."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from mpcc_controller.driving.setpoints import SetpointTarget
+from mpcc_controller.driving.ways import (
+    LEAST_TIME_S,
+    QUINTIC_PEAK,
+    Profile,
+    RoadAhead,
+    lateral_motion,
+    travelled,
+)
+from mpcc_controller.model.single_track import GRAVITY, Car, Input, State, ideal_split
+from mpcc_controller.parameters import ControllerParams
+from mpcc_controller.path import arc, reference_path
+from mpcc_controller.path.reference_path import ReferencePath
+from stage_solver import stage_problem
+from stage_solver.stage_problem import Plan
+
+SLOW = 1.0  # m/s; slower, a steady cornering guess has no meaning
+RETURN_TIME_S = 1.0  # at least, from an obstacle back to the path
+THETA = State._fields.index('theta')
+
+
+def from_path(path: ReferencePath, x0: State, car: Car, horizon: int, dt: float) -> Plan:
+    """Return a plan along the path at the present speed that closes the offset from it.
+
+    The offset fades linearly over the horizon; the steering angle is that of the path's curvature
+    without slip. It needs no previous plan: it starts the controller and follows failures.
+    """
+    t = dt * np.arange(horizon + 1)
+    theta = x0.theta + x0.vx * t
+    arcs, _ = reference_path.arcs_at(path, theta)
+    start = arc.Pose(*(field[0] for field in arc.pose_at(arcs, theta)))
+    offset = arc.contouring_error(start, x0.X, x0.Y) * (1 - t / t[-1])
+    zeros = np.zeros_like(t)
+    states = State(
+        X=arcs.X - offset * np.sin(arcs.psi),
+        Y=arcs.Y + offset * np.cos(arcs.psi),
+        psi=arcs.psi,
+        vx=zeros + x0.vx,
+        vy=zeros,
+        r=x0.vx * arcs.kappa,
+        theta=theta,
+        delta=(car.l_f + car.l_r) * arcs.kappa,
+        Fx=zeros,
+    )
+    constant = Input(d_delta=0.0, d_Fx=0.0, lambda_b=ideal_split(0.0, car), slack=0.0)
+    return start_at(Plan(np.column_stack(states), np.tile(constant, (horizon, 1))), x0)
+
+
+def from_law(
+    law: Callable[[State], SetpointTarget],
+    step: Callable,
+    car: Car,
+    x0: State,
+    horizon: int,
+    dt: float,
+) -> Plan:
+    """Return the plan that a control law drives in the prediction model (single shooting).
+
+    `law` gives the set-points at the end of a tick from the state at its begin; `step` is that of
+    `single_track.step`. The guess obeys the dynamics and the limits of the actuators, from any
+    state: a car that slides is not near any plan along the path.
+    """
+    X, U, parameters = [np.array(x0, float)], [], np.array(car)
+    for _ in range(horizon):
+        x = State(*X[-1].tolist())
+        target = law(x)
+        rates = (target.delta - x.delta) / dt, (target.Fx - x.Fx) / dt
+        u = Input(*rates, lambda_b=target.lambda_b, slack=0.0)
+        U.append(np.array(u, float))
+        X.append(step(X[-1], U[-1], parameters))
+    return Plan(np.array(X), np.array(U))
+
+
+def start_at(plan: Plan, x0: State) -> Plan:
+    """Return the plan with `x0` as its first state and theta counted from that of x0.
+
+    theta is projected on the path at every tick: the theta of the whole plan moves with it.
+    """
+    X = np.array(plan.X)
+    theta = State._fields.index('theta')
+    X[:, theta] += x0.theta - X[0, theta]
+    X[0] = x0
+    return plan._replace(X=X)
+
+
+def shift_to(plan: Plan, step: Callable, car: Car, x0: State) -> Plan:
+    """Return the plan one tick later, starting at the measured state `x0`.
+
+    `step` is that of `single_track.step`: (x, u, car) -> the state one tick later.
+    """
+    return start_at(stage_problem.shift(plan, step, np.array(car)), x0)
+
+
+def along_profile(
+    around: RoadAhead, shape: Profile, x0: State, car: Car, params: ControllerParams
+) -> Plan:
+    """Return the guess that takes the offsets of a profile on the way to the desired speed.
+
+    Quintics lead from offset to offset and back to the path. Heading, yaw rate, sideslip and
+    steering angle are those of steady cornering along the line, within the friction.
+    """
+    t = params.model.step_s * np.arange(len(around.left))
+    start, rate = lateral_motion(around, x0)
+    e = np.full(len(t), start)
+    time, here = 0.0, start
+    knots = [*zip(shape.enter, shape.leave, shape.offset)]
+    end = shape.leave[-1]
+    back = math.sqrt(QUINTIC_PEAK * abs(shape.offset[-1]) / (0.4 * GRAVITY))
+    knots.append((end + max(back, RETURN_TIME_S), math.inf, 0.0))
+    for begin, leave, target in knots:
+        T = max(begin - time, LEAST_TIME_S)
+        later = t >= time
+        e[later] = _quintic(np.minimum((t[later] - time) / T, 1.0), here, rate * T, target)
+        time, here, rate = max(leave, time + T), target, 0.0
+    arcs = around.arcs
+    X = arcs.X - e * np.sin(arcs.psi)
+    Y = arcs.Y + e * np.cos(arcs.psi)
+    along = np.maximum(around.vx, SLOW) * (1 - arcs.kappa * e)
+    course = arcs.psi + np.arctan2(np.gradient(e, t), along)
+    force = car.m * np.gradient(around.vx, params.model.step_s)
+    force = np.clip(force, -params.limits.brake_n, params.limits.drive_n)
+    return _steady_plan(X, Y, course, around.vx, force, arcs.theta, x0, car, params)
+
+
+def braking(
+    line: np.ndarray, x0: State, car: Car, params: ControllerParams, floor: float | None = None
+) -> Plan:
+    """Return the guess that brakes along planned states `line` (N + 1, 9), at most to the floor.
+
+    It brakes with the usable friction that the curvature of the line leaves, from the present force
+    at the rate limit, behind which the brakes lag. Below the floor [m/s], by default
+    `limits.least_speed_mps`, the prediction holds no more.
+    """
+    available = params.limits.friction_use * min(car.mu_f, car.mu_r) * GRAVITY
+    lateral = min(float(np.max(np.abs(line[:, 5] * line[:, 3]))), 0.8 * available)
+    deceleration = math.sqrt(available**2 - lateral**2)
+    floor = min(params.limits.least_speed_mps if floor is None else floor, x0.vx)
+    vx, force = _braking_straight(len(line), deceleration, floor, x0, car, params)
+    distance = travelled(vx, params.model.step_s)
+    along = line[:, THETA] - line[0, THETA]
+    along = np.maximum.accumulate(along + 1e-9 * np.arange(len(along)))
+    beyond = np.maximum(distance - along[-1], 0)
+    X, Y, psi = (np.interp(distance, along, line[:, i]) for i in range(3))
+    X, Y = X + beyond * np.cos(psi), Y + beyond * np.sin(psi)
+    return _steady_plan(X, Y, psi, vx, force, x0.theta + distance, x0, car, params)
+
+
+def _braking_straight(count, deceleration, floor, x0, car, params) -> tuple[np.ndarray, np.ndarray]:
+    """Return speeds [m/s] and forces [N] (count,) of the prediction model that brakes straight on.
+
+    The force goes to that of the deceleration, at most `limits.brake_n`, at its rate limit. The
+    resistances are left out: what is promised is to be kept.
+    """
+    dt, limits = params.model.step_s, params.limits
+    hardest = -min(car.m * deceleration, limits.brake_n)
+    change = limits.force_rate_nps * dt * np.arange(count)
+    force = x0.Fx + np.clip(hardest - x0.Fx, -change, change)
+    # what acts in each step, see `single_track.acting`
+    acting = (force[1:] + force[:-1]) / 2 - car.force_lag * np.diff(force) / dt
+    gained = np.concatenate(([0.0], np.cumsum(acting))) * dt / car.m
+    vx = np.maximum(x0.vx + gained, floor)
+    return vx, np.where(vx > floor, force, 0.0)
+
+
+def braking_cost(guess: Plan, around: RoadAhead, params: ControllerParams) -> float:
+    """Return the cost of the speed that a braking guess loses; no braking plan costs much less."""
+    vx = guess.X[:, 3]
+    lost = np.maximum(np.minimum(around.vx, around.v_ref) - vx, 0)
+    return float(np.sum((lost / params.tolerances.velocity_mps) ** 2))
+
+
+def _quintic(tau, start, slope, end):
+    """Return the quintic of tau in [0, 1] from `start` with `slope` to rest at `end`.
+
+    Both ends have no acceleration.
+    """
+    rise = end - start
+    cubic = 10 * rise - 6 * slope
+    quartic, quintic = 8 * slope - 15 * rise, 6 * rise - 3 * slope
+    return start + tau * (slope + tau**2 * (cubic + tau * (quartic + tau * quintic)))
+
+
+def _steady_plan(X, Y, course, vx, Fx, theta, x0, car, params) -> Plan:
+    """Return the plan of steady cornering along a line of positions and courses.
+
+    Where it stands or is slower than SLOW it corners as at that speed.
+    """
+    dt = params.model.step_s
+    v = np.maximum(vx, SLOW)
+    available = 0.9 * min(car.mu_f, car.mu_r) * GRAVITY
+    r = np.clip(np.gradient(course, dt), -available / v, available / v)
+    wheelbase, ay = car.l_f + car.l_r, v * r
+    slip_f = car.m * ay * car.l_r / wheelbase / car.C_f
+    slip_r = car.m * ay * car.l_f / wheelbase / car.C_r
+    vy = car.l_r * r - v * slip_r
+    delta = wheelbase * r / v + slip_f - slip_r
+    states = State(
+        X=X,
+        Y=Y,
+        psi=course - vy / v,
+        vx=vx,
+        vy=vy,
+        r=r,
+        theta=theta,
+        delta=np.clip(delta, -params.limits.steer_rad, params.limits.steer_rad),
+        Fx=Fx,
+    )
+    constant = Input(d_delta=0.0, d_Fx=0.0, lambda_b=ideal_split(0.0, car), slack=0.0)
+    U = np.tile(constant, (len(X) - 1, 1))
+    rate, force_rate = params.limits.steer_rate_radps, params.limits.force_rate_nps
+    U[:, 0] = np.clip(np.diff(states.delta) / dt, -rate, rate)
+    U[:, 1] = np.clip(np.diff(Fx) / dt, -force_rate, force_rate)
+    return start_at(Plan(np.column_stack(states), U), x0)

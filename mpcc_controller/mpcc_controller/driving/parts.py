@@ -1,0 +1,63 @@
+"""What ticks work with: parameters, and what is built from them once. SI units."""
+
+import dataclasses
+import time
+from collections.abc import Callable
+
+from mpcc_controller import run_time_parameters
+from mpcc_controller.driving import choose
+from mpcc_controller.driving.actuator_monitor import ActuatorMonitor
+from mpcc_controller.driving.friction_estimate import FrictionEstimator
+from mpcc_controller.driving.gate import Gate
+from mpcc_controller.driving.prediction_model import PredictionModel
+from mpcc_controller.driving.tick_solvers import TickSolvers
+from mpcc_controller.parameters import CarParams, ControllerParams
+from msgs_yaml.conversions import NS_PER_S
+
+
+class Parts:
+    """The parts of one controller; of these only `change` changes anything between ticks.
+
+    The solvers are workspaces: what they solved leaves no trace in what they solve next.
+    """
+
+    def __init__(
+        self,
+        params: ControllerParams,
+        vehicle: CarParams,
+        limit_time: bool,
+        clock: Callable[[], float] = time.perf_counter,
+    ):
+        """`limit_time` lets the solvers stop at their wall-time limits; `clock` is in s."""
+        self.limit_time, self.clock = limit_time, clock
+        self.model = PredictionModel(params, vehicle)
+        self.params = params = self.model.params  # with the limits of the car
+        self.start_limits, self.params_to_brake = params.limits, params
+        self.compares = (params.candidates.most or 1) > 1
+        if self.compares:
+            choose.check(params.candidates)
+        self.solvers = TickSolvers(self.model, limit_time, clock)
+        self.command_ns = round((params.delay.command_s or 0.0) * NS_PER_S)
+        self.actuators = ActuatorMonitor(vehicle)
+        self.friction: FrictionEstimator | None = None
+        if params.friction_estimate.on:
+            highest = params.model.friction
+            self.friction = FrictionEstimator(params.friction_estimate, self.model.car, highest)
+        self.gate = Gate(
+            params.limits,
+            self.model.car,
+            params.model.step_s,
+            params.fallback.max_state_age_s,
+            vehicle.actuators.force_rate_nps,
+        )
+
+    def change(self, params: ControllerParams) -> None:
+        """Plan and drive by other weights and limits from the next tick on.
+
+        The gate and braking without a plan keep the limits of the start, where these are wider.
+        """
+        self.model.change(params)
+        self.params = self.model.params
+        limits = run_time_parameters.emergency_limits(self.params.limits, self.start_limits)
+        self.gate = self.gate._replace(limits=limits)
+        self.params_to_brake = dataclasses.replace(self.params, limits=limits)

@@ -1,0 +1,88 @@
+"""What one tick of the controller takes and returns. SI units; stamps and instants in ns."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from mpcc_controller.driving.actuator_monitor import ActuatorCheck
+from mpcc_controller.driving.choose import Choice
+from mpcc_controller.driving.fallback import Decision
+from mpcc_controller.driving.friction_estimate import FrictionBelief
+from mpcc_controller.driving.prediction_model import TickProblem
+from mpcc_controller.model.single_track import State
+from mpcc_controller.problem.stage_parameters import Scene
+from msgs_yaml.types import Actuators, Command, VehicleState
+from stage_solver.solution import Solution
+from stage_solver.stage_problem import Plan
+
+
+class Arrival(NamedTuple):
+    """When the state of a tick was received."""
+
+    received_ns: int  # wall time; bags know the sending time from the middleware
+    wait_s: float  # from then to the beginning of the step
+
+
+class TickInputs(NamedTuple):
+    """What one step answers, besides path, edges and obstacles."""
+
+    state: VehicleState
+    age_s: float = 0.0  # of the state when the step begins; 0 in lockstep
+    fault: str = ''  # of the watchdog: no plan is computed, the car brakes; `state_stale`: blindly
+    arrival: Arrival | None = None  # where it is known
+    effective_ns: int | None = None  # when the command takes effect, if known (replay)
+    publish_s: float | None = None  # publishing time of the command before
+    actuators: Actuators | None = None  # the newest message, to be compared with the set-points
+
+
+class Comparison(NamedTuple):
+    """The candidates of a tick. `solution` and `problem` of the attempt are of the chosen one."""
+
+    choice: Choice
+    solve_s: float  # s, wall time of all solves
+
+
+class Attempt(NamedTuple):
+    """The solutions of one tick."""
+
+    problem: TickProblem
+    solution: Solution
+    plan: Plan | None  # the plan that the fallback logic chose
+    warm: bool  # whether the guess was the last plan
+    prepare_s: float  # s, to build the problem
+    plan_age: int  # ticks
+    failures: int  # of the solver, in a row
+    candidates: Comparison | None = None  # where several plans were compared
+    refreshes: int | None = None  # solves with arcs taken again; None where that is off
+
+
+class TickRecord(NamedTuple):
+    """Everything that one step decided. The command is complete; `TickReporter` explains it."""
+
+    inputs: TickInputs
+    command: Command  # passed the gate
+    decision: Decision
+    effective_ns: int  # when the command takes effect
+    state: VehicleState  # predicted to then
+    scene: Scene  # with the obstacles where they are then
+    x0: State | None  # stage 0; None where no plan could be attempted
+    attempt: Attempt | None  # None where nothing was solved
+    braking_line: str | None  # the line that a braking car steers along; None with a plan
+    friction: FrictionBelief | None  # None where it is not estimated
+    actuators: ActuatorCheck | None  # None where nobody told where they are
+    gate_reason: str  # why the gate intervened, '' if it did not
+    rejections: Mapping[str, int]  # by the gate since the start, by reason
+    prepared_s: float | None  # computing time of `prepare` before this step
+    computing_s: float  # of this step
+    resumed: bool = False  # the first step after a pause
+
+    def __repr__(self) -> str:
+        """Return one line without arrays."""
+        level, reason, _ = self.decision
+        return f'TickRecord(stamp_ns={self.command.stamp_ns}, {level}: {reason}, {self.command})'
+
+
+def unknown_state(stamp_ns: int) -> VehicleState:
+    """Return a state of which only the stamp is known; every other field is NaN."""
+    return VehicleState(stamp_ns, *(np.nan,) * (len(VehicleState._fields) - 1))

@@ -1,0 +1,347 @@
+"""The road ahead: its dangerous obstacles, the ways around them, and how a plan passes them.
+
+SI units. Sides are those of the car: LEFT passes left of the obstacle. Two plans that pass an
+obstacle that may move on different sides cannot be deformed into each other: they are of different
+homotopy classes (Bhattacharya, Likhachev & Kumar 2012), and a solver finds only that of its guess.
+"""
+
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from mpcc_controller.model.single_track import Car, State
+from mpcc_controller.parameters import ControllerParams
+from mpcc_controller.path import arc, reference_path, road_edges
+from mpcc_controller.path.arc import Arc
+from mpcc_controller.problem import stage_parameters
+from mpcc_controller.problem.obstacle_motion import position, velocity
+from mpcc_controller.problem.stage_parameters import Scene
+from msgs_yaml.types import Obstacle
+
+LEFT, RIGHT, BEHIND = 1, -1, 0  # BEHIND: not passed within the horizon
+OVERLAP_M = 0.1
+LEAST_CONTACT_MPS = 1e-3  # of a contact: 0 stands for none
+WORDS = {LEFT: 'left', RIGHT: 'right', BEHIND: 'behind'}
+
+MOST_SIDES = 3  # obstacles whose sides are combined, the first ones that the car meets
+LEAST_TIME_S = 0.3  # to move aside: below it the guess would be no help
+# peak acceleration of the quintic from rest to rest over a length d in the time T: d / T^2 times
+QUINTIC_PEAK = 10 / math.sqrt(3)
+
+Sides = dict[int, int]  # by the id of the obstacle
+
+
+class Hazard(NamedTuple):
+    """A dangerous obstacle beside the path, as a car that takes up the desired speed meets it."""
+
+    obstacle: Obstacle
+    enter: float  # s, from then on it is beside the car
+    leave: float  # s, until then
+    lowest: float  # m, left of the path, its centre meanwhile
+    highest: float  # m
+    path_side: int  # on which the path passes it with room for the car, BEHIND if it does not
+
+
+class RoadAhead(NamedTuple):
+    """The path, its room and its hazards over the horizon: what all guesses of a tick share."""
+
+    straight: np.ndarray  # (N + 1, 9) planned states along the path, towards its speed
+    arcs: Arc  # of the path at these stages
+    vx: np.ndarray  # (N + 1,) m/s there
+    v_ref: np.ndarray  # (N + 1,) m/s, desired there
+    right: np.ndarray  # (N + 1,) m left of the path: how far right the road allows the CoG
+    left: np.ndarray  # (N + 1,) m, how far left
+    hazards: tuple[Hazard, ...]  # in the order in which the car meets them
+
+
+def road_ahead(
+    scene: Scene, x0: State, lines: Iterable[np.ndarray], car: Car, params: ControllerParams
+) -> RoadAhead | None:
+    """Return the dangerous obstacles and what the guesses around them share; None without danger.
+
+    An obstacle is dangerous where its distance along the path or along one of `lines`, planned
+    states (N + 1, 9), is less than the safety distance and `candidates.danger_m`.
+    """
+    if not scene.obstacles.items:
+        return None
+    vx = _speeds(scene, x0, car, params)
+    theta = x0.theta + travelled(vx, params.model.step_s)
+    arcs, v_ref = reference_path.arcs_at(scene.path, theta)
+    zeros = np.zeros_like(theta)
+    fade = np.linspace(1, 0, len(theta)) * (_left_of(arcs, x0.X, x0.Y)[0])
+    X, Y = arcs.X - fade * np.sin(arcs.psi), arcs.Y + fade * np.cos(arcs.psi)
+    straight = np.column_stack(State(X, Y, arcs.psi, vx, zeros, zeros, theta, zeros, zeros))
+    limit = params.safety.obstacle_m + params.candidates.danger_m
+    gaps = np.min([least_gaps(X, scene, params) for X in (straight, *lines)], axis=0)
+    dangerous = [o for o, gap in zip(scene.obstacles.items, gaps) if gap < limit]
+    if not dangerous:
+        return None
+    track = road_edges.track_beside(scene.road, arcs, params.surroundings.edge_window_m)
+    centre = _left_of(arcs, track.centre.X, track.centre.Y)
+    at_edges = params.body.edge_radius_m or params.body.circle_radius_m
+    room = np.maximum(track.half_width - at_edges, 0)
+    hazards = sorted((_hazard(o, arcs, params) for o in dangerous), key=lambda h: h.enter)
+    return RoadAhead(straight, arcs, vx, v_ref, centre - room, centre + room, tuple(hazards))
+
+
+def lateral_motion(around: RoadAhead, x0: State) -> tuple[float, float]:
+    """Return the offset [m] from the path at stage 0, to the left, and its rate [m/s]."""
+    here = Arc(*(float(field[0]) for field in around.arcs))
+    pose = arc.Pose(here.X, here.Y, here.psi)
+    course = x0.psi - here.psi
+    rate = x0.vx * math.sin(course) + x0.vy * math.cos(course)
+    return float(arc.contouring_error(pose, x0.X, x0.Y)), rate
+
+
+def travelled(vx: np.ndarray, dt: float) -> np.ndarray:
+    """Return the distances (N + 1,) [m] travelled at the speeds of the stages."""
+    return np.concatenate(([0], np.cumsum((vx[1:] + vx[:-1]) / 2 * dt)))
+
+
+def _speeds(scene, x0, car, params) -> np.ndarray:
+    """Return the speeds (N + 1,) [m/s] of a car that takes up the desired speed from below."""
+    t = params.model.step_s * np.arange(params.model.horizon + 1)
+    _, v_ref = reference_path.arcs_at(scene.path, np.array([x0.theta]))
+    drive = params.limits.drive_n / car.m
+    return np.minimum(x0.vx + drive * t, max(float(v_ref[0]), x0.vx))
+
+
+def _hazard(obstacle, arcs, params) -> Hazard:
+    """Return where a car along the path, at the speeds of `arcs`, meets an obstacle."""
+    dt = params.model.step_s
+    oX, oY = positions((obstacle,), len(arcs.X), dt)
+    cos_psi, sin_psi = np.cos(arcs.psi), np.sin(arcs.psi)
+    ahead = np.abs(cos_psi * (oX[0] - arcs.X) + sin_psi * (oY[0] - arcs.Y))
+    e = _left_of(arcs, oX[0], oY[0])
+    touch = obstacle.r_obs + params.body.circle_radius_m
+    nose = max(map(abs, params.body.circle_offsets_m))
+    # the stretch around the stage that is beside it: it may come beside the car again on a lap
+    closest = int(np.argmin(ahead))
+    beside = ahead < max(touch + nose, ahead[closest] + 1e-9)
+    first, final = closest, closest
+    while first > 0 and beside[first - 1]:
+        first -= 1
+    while final < len(beside) - 1 and beside[final + 1]:
+        final += 1
+    lowest, highest = float(np.min(e[first : final + 1])), float(np.max(e[first : final + 1]))
+    side = LEFT if highest < -touch else RIGHT if lowest > touch else BEHIND
+    return Hazard(obstacle, dt * first, dt * final, lowest, highest, side)
+
+
+def _left_of(arcs, X, Y):
+    """Return how far [m] points are to the left of the path at `arcs`."""
+    return np.cos(arcs.psi) * (Y - arcs.Y) - np.sin(arcs.psi) * (X - arcs.X)
+
+
+class Profile(NamedTuple):
+    """Lateral offsets from the path that a guess takes: held from `enter` to `leave`."""
+
+    enter: list[float]  # s
+    leave: list[float]  # s
+    offset: list[float]  # m, left of the path
+    acceleration: float  # m/s^2, the largest lateral one of the way there
+    least_cost: float  # of the contouring error that no such plan avoids
+
+
+class _Slot(NamedTuple):
+    """The offsets from the path between which the car passes one hazard."""
+
+    enter: float  # s
+    leave: float  # s
+    low: float  # m, left of the path
+    high: float  # m
+    offset: float  # m, that is taken
+    least_cost: float  # of the contouring error meanwhile
+
+
+def side_combinations(
+    around: RoadAhead, x0: State, params: ControllerParams
+) -> list[tuple[Sides, Profile]]:
+    """Return the ways around the hazards, those that take the least acceleration first.
+
+    Where no car fits between obstacles or beside the road there is
+    no way; obstacles beyond the first MOST_SIDES are left to the solver.
+    """
+    hazards = around.hazards[:MOST_SIDES]
+    ways = []
+    for chosen in itertools.product((LEFT, RIGHT), repeat=len(hazards)):
+        shape = profile(around, hazards, chosen, x0, params)
+        if shape is not None:
+            ways.append(({h.obstacle.id: side for h, side in zip(hazards, chosen)}, shape))
+    return sorted(ways, key=lambda way: way[1].acceleration)
+
+
+def profile(
+    around: RoadAhead,
+    hazards: Sequence[Hazard],
+    chosen: Sequence[int],
+    x0: State,
+    params: ControllerParams,
+) -> Profile | None:
+    """Return the offsets that pass `hazards` on the `chosen` sides; None where no car fits."""
+    slots: list[_Slot] = []
+    for hazard, side in zip(hazards, chosen):
+        slot = _slot_beside(around, hazard, side, params)
+        if slot is not None and slots and slot.enter < slots[-1].leave:
+            slots[-1], slot = _overlap(slots[-1], slot)
+        if slot is None:
+            return None
+        slots.append(slot)
+    return Profile(
+        [slot.enter for slot in slots],
+        [slot.leave for slot in slots],
+        [slot.offset for slot in slots],
+        _largest_acceleration(slots, *lateral_motion(around, x0)),
+        max((slot.least_cost for slot in slots), default=0.0),
+    )
+
+
+def _slot_beside(
+    around: RoadAhead, hazard: Hazard, side: int, params: ControllerParams
+) -> _Slot | None:
+    """Return where a car passes a hazard on one side; None where it does not fit."""
+    dt, last = params.model.step_s, len(around.left) - 1
+    first, final = round(hazard.enter / dt), min(round(hazard.leave / dt), last)
+    right = float(np.max(around.right[first : final + 1]))
+    left = float(np.min(around.left[first : final + 1]))
+    touch = hazard.obstacle.r_obs + params.body.circle_radius_m
+    if side == LEFT:
+        right = max(right, hazard.highest + touch)
+        wished = hazard.highest + touch + params.safety.obstacle_m
+        target = max(wished, 0.0)
+    else:
+        left = min(left, hazard.lowest - touch)
+        wished = hazard.lowest - touch - params.safety.obstacle_m
+        target = min(wished, 0.0)
+    if right > left:
+        return None
+    needed = max(right, -left, 0.0)  # right <= e <= left
+    stages = final - first + 1
+    least_cost = stages * (needed / params.tolerances.contouring_m) ** 2
+    offset = min(max(target, right), left)
+    return _Slot(hazard.enter, hazard.leave, right, left, offset, least_cost)
+
+
+def _overlap(before: _Slot, after: _Slot) -> tuple[_Slot, _Slot | None]:
+    """Return both slots where both hazards are beside the car at once; None without room."""
+    low, high = max(after.low, before.low), min(after.high, before.high)
+    if low > high:
+        return before, None
+    between = max((after.enter + before.leave) / 2, before.enter)
+    before = before._replace(leave=between, offset=min(max(before.offset, low), high))
+    after = after._replace(
+        enter=between,
+        leave=max(after.leave, between),
+        low=low,
+        high=high,
+        offset=min(max(after.offset, low), high),
+    )
+    return before, after
+
+
+def _largest_acceleration(slots: Sequence[_Slot], start: float, rate: float) -> float:
+    """Return the largest lateral acceleration [m/s^2] from the offset `start` through the slots."""
+    acceleration, t, e = 0.0, 0.0, start
+    for slot in slots:
+        T = max(slot.enter - t, LEAST_TIME_S)
+        acceleration = max(acceleration, QUINTIC_PEAK * abs(slot.offset - e - rate * T / 2) / T**2)
+        t, e, rate = slot.leave, slot.offset, 0.0
+    return acceleration
+
+
+def least_gaps(X: np.ndarray, scene: Scene, params: ControllerParams) -> np.ndarray:
+    """Return the least V2O [m] to each obstacle (n,) along planned states (N + 1, 9)."""
+    return np.min(_gaps(X, scene, params), axis=-1)
+
+
+def contact_speed(X: np.ndarray, scene: Scene, params: ControllerParams) -> float:
+    """Return the relative speed [m/s] of the first contact of planned states (N + 1, 9).
+
+    0 without one. Circles that overlap by less than OVERLAP_M may be outlines that do not touch.
+    """
+    if not scene.obstacles.items:
+        return 0.0
+    touches = _gaps(X, scene, params) < -OVERLAP_M
+    if not np.any(touches):
+        return 0.0
+    stage = int(np.argmax(np.any(touches, axis=0)))
+    x, obstacle = State(*X[stage]), scene.obstacles.items[int(np.argmax(touches[:, stage]))]
+    vX, vY = velocity(obstacle, stage * params.model.step_s)
+    vX = x.vx * math.cos(x.psi) - x.vy * math.sin(x.psi) - vX
+    vY = x.vx * math.sin(x.psi) + x.vy * math.cos(x.psi) - vY
+    return max(math.hypot(vX, vY), LEAST_CONTACT_MPS)
+
+
+def passed_sides(
+    X: np.ndarray, scene: Scene, obstacles: Sequence[Obstacle], params: ControllerParams
+) -> Sides:
+    """Return the side on which planned states (N + 1, 9) pass each obstacle, by its id.
+
+    It counts where the car is beside the obstacle along the path, both at the same time, and at the
+    end of the horizon no more behind its centre.
+    """
+    if not obstacles:
+        return {}
+    x = State(*X.T)
+    arcs, _ = reference_path.arcs_at(scene.path, x.theta)
+    oX, oY = positions(tuple(obstacles), len(X), params.model.step_s)
+    cos_psi, sin_psi = np.cos(arcs.psi), np.sin(arcs.psi)
+    ahead = cos_psi * (oX - x.X) + sin_psi * (oY - x.Y)
+    aside = cos_psi * (oY - x.Y) - sin_psi * (oX - x.X)
+    stages = np.argmin(np.abs(ahead), axis=1)
+    sides = {}
+    for row, (obstacle, stage) in enumerate(zip(obstacles, stages)):
+        gap = ahead[row, stage]
+        is_beside = abs(gap) < obstacle.r_obs + params.body.circle_radius_m
+        # a plan that waits behind it and comes beside it at last has not passed it
+        is_beside &= stage < len(X) - 1 or gap <= 0
+        side = LEFT if aside[row, stage] < 0 else RIGHT
+        sides[obstacle.id] = side if is_beside else BEHIND
+    return sides
+
+
+def name_of(sides: Sides) -> str:
+    """Return the sides as words: `left of 1, right of 4`."""
+    return ', '.join(f'{WORDS[side]} of {key}' for key, side in sides.items())
+
+
+def are_opposed(sides: Sides, other: Sides) -> bool:
+    """Return whether some obstacle is passed on the left by one and on the right by the other."""
+    return any(sides.get(key, BEHIND) * side < 0 for key, side in other.items())
+
+
+def is_same_way(sides: Sides, other: Sides) -> bool:
+    """Return whether every obstacle is passed on the same side, or by neither."""
+    keys = sides.keys() | other.keys()
+    return all(sides.get(key, BEHIND) == other.get(key, BEHIND) for key in keys)
+
+
+def _gaps(X, scene, params) -> np.ndarray:
+    """Return V2O [m] to each obstacle at each stage (n, N + 1)."""
+    x = State(*X.T)
+    oX, oY = positions(scene.obstacles.items, len(X), params.model.step_s)
+    cos_psi, sin_psi = np.cos(x.psi), np.sin(x.psi)
+    square = np.inf
+    for offset in params.body.circle_offsets_m:
+        dX, dY = oX - x.X - offset * cos_psi, oY - x.Y - offset * sin_psi
+        square = np.minimum(square, dX**2 + dY**2)
+    t = params.model.step_s * np.arange(len(X))
+    radii = [stage_parameters.grown_radius(params, o, t) for o in scene.obstacles.items]
+    grown = np.array([np.broadcast_to(radius, t.shape) for radius in radii])
+    return np.sqrt(square) - grown - params.body.circle_radius_m
+
+
+@lru_cache(maxsize=16)
+def positions(obstacles: tuple[Obstacle, ...], count: int, dt: float):
+    """Return X and Y (n, count) [m] of obstacles at the stages, not to be changed.
+
+    A tick asks for those of the same obstacles ten times and more.
+    """
+    t = dt * np.arange(count)
+    X, Y = np.array([position(o, t) for o in obstacles]).transpose(1, 0, 2)
+    X.flags.writeable = Y.flags.writeable = False
+    return X, Y
