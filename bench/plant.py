@@ -1,4 +1,4 @@
-"""Time per 1 ms step of the plant, in microseconds: docs/plant.md, docs/measured.md.
+"""Time per 1 ms step of the plant, in microseconds: docs/plant.md.
 
     .venv/bin/python bench/plant.py
 

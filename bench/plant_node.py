@@ -1,4 +1,4 @@
-"""The plant's node on the wall clock, CPU and punctuality: docs/plant.md, docs/measured.md.
+"""The plant's node on the wall clock, CPU and punctuality: docs/plant.md.
 
     .venv/bin/python bench/plant_node.py [--seconds 20] [--domain 24]
 

@@ -1,4 +1,4 @@
-"""Is 20 Hz held on the wall clock by all nodes? Rows of docs/measured.md, docs/promises.md.
+"""Is 20 Hz held on the wall clock by all nodes? Rows of docs/performance.md, docs/promises.md.
 
     .venv/bin/python bench/realtime.py [--ticks 10000] [--controller mpcc] [--set NODE.param=value]
                                        [--bag DIR] [--out bench/realtime.md] [--fifo]

@@ -1,4 +1,4 @@
-"""How fast and how good are the solvers? Rows of docs/measured.md, tables of docs/solver.md.
+"""How fast and how good are the solvers? Rows of docs/performance.md, tables of docs/solver.md.
 
     .venv/bin/python bench/solver_comparison.py [--quick] [--passes 3] [--interpreted] [--out bench]
 

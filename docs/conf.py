@@ -18,7 +18,6 @@ extensions = [
     'sphinx.ext.mathjax',
     'sphinx.ext.viewcode',
     'sphinx_copybutton',
-    'sphinx_design',
     'offline_mathjax',
     'outside_links',
     'plain_docstrings',
@@ -39,7 +38,7 @@ copybutton_exclude = '.linenos, .gp, .go'
 
 # their output is in them (`make notebooks`)
 nb_execution_mode = 'off'
-myst_enable_extensions = ['attrs_block', 'colon_fence', 'deflist', 'dollarmath']
+myst_enable_extensions = ['attrs_block', 'deflist', 'dollarmath']
 myst_heading_anchors = 4
 myst_dmath_double_inline = True
 myst_dmath_allow_digits = False

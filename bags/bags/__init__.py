@@ -16,7 +16,7 @@ errors          errors and warnings of the package
 
 The command `bags` and the nodes recorder_node, player_node and markers_node are built from
 these; the docstring of each package lists its modules. Nothing here imports a controller.
-docs/bags.md, docs/report.md and docs/viewers.md are the manuals. In Python:
+docs/bags.md and docs/report.md are the manuals. In Python:
 
     import bags
 

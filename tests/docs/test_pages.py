@@ -22,7 +22,6 @@ DOCS = ROOT / 'docs'
 # pages whose commands something else runs
 ELSEWHERE = {
     'commands.md': 'tests/docs/test_readme_commands.py',
-    'documentation.md': '`make check`',
     'index.md': 'a table of contents',
     'managed_nodes.md': 'tests/ros/test_life_cycle.py',
     'packages.md': '`make wheels_test`',
@@ -41,7 +40,6 @@ ABOUT = re.compile(r'<!-- page: (.+?) -->')
 # why a block is not run, and in how many blocks
 ONLY_THE_READER = {
     'sets up the clone, as the tests do before they begin': 1,
-    'downloads a program': 1,
     'needs an installation of ROS 2': 2,
     'changes the system of the reader': 1,
     'needs a second machine': 3,
@@ -99,7 +97,7 @@ def home(tmp_path):
     for name in ('Makefile', '.ci', *(file.name for file in ROOT.glob('requirements*.txt'))):
         (tmp_path / name).symlink_to(ROOT / name)
     (tmp_path / '.venv').symlink_to(sys.prefix)
-    for name in ('bags/reference', 'experiments/config', 'paper/picture'):
+    for name in ('bags/reference', 'experiments/config', 'paper/picture', 'docs/examples'):
         (tmp_path / name).parent.mkdir()
         (tmp_path / name).symlink_to(ROOT / name)
     return tmp_path

@@ -1,4 +1,4 @@
-"""How fault runs are evaluated, retried and saved, and the table of the page."""
+"""How fault runs are evaluated, retried and saved, and their table."""
 
 import json
 from pathlib import Path
@@ -69,16 +69,6 @@ def test_a_table_of_other_expectations_or_without_results_is_refused():
         faults_table.block([first, *others], {first.name: result})
     with pytest.raises(faults_table.TableError, match='no result'):
         faults_table.block([first, *others], {})
-
-
-def test_a_table_replaces_the_one_before():
-    page = f'a\n{faults_table.BEGIN}\nold\n{faults_table.END}\nz\n'
-    assert (
-        faults_table.replace_table(page, 'new')
-        == f'a\n{faults_table.BEGIN}\nnew\n{faults_table.END}\nz\n'
-    )
-    with pytest.raises(faults_table.TableError, match='lacks'):
-        faults_table.replace_table('a page without', 'new')
 
 
 CALM = states.FinalState('OK', 0.0, ('OK',), '')

@@ -103,9 +103,3 @@ def test_the_example_of_an_error_is_what_one_sees(make):
     with pytest.raises(ValueError, match=re.escape(example[1])) as caught:
         make(moved)
     assert str(caught.value) == f'bend.yaml:{example[0]}: {example[1]}'
-
-
-def test_every_shipped_scenario_is_in_the_table():
-    folder = Path(__file__).parents[2] / 'scenario_publisher/scenarios'
-    shipped = {path.stem for path in folder.glob('*.yaml')}
-    assert set(re.findall(r'^\| `(\w+)` \| [^|]*\|$', TEXT, re.MULTILINE)) == shipped

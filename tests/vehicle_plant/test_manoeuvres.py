@@ -182,7 +182,7 @@ def test_command_lists_prints_and_writes(tmp_path, capsys):
 
 
 def test_manual_names_every_manoeuvre():
-    manual = (Path(__file__).parents[2] / 'docs' / 'manoeuvres.md').read_text()
+    manual = (Path(__file__).parents[2] / 'docs' / 'plant.md').read_text()
     assert all(f'| `{name}` |' in manual for name in MANOEUVRES)
 
 
