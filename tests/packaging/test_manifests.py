@@ -14,6 +14,7 @@ ROSDEP_KEYS = {
     'bokeh': 'python3-bokeh-pip',
     'casadi': 'casadi-pip',
     'cmaes': None,
+    'distributed': None,
     'jinja2': 'python3-jinja2',
     'lz4': None,
     'matplotlib': 'python3-matplotlib',
@@ -36,7 +37,7 @@ DISTRIBUTIONS = {
     'yaml': 'pyyaml',
 }
 # modules that a package does without, by the distribution that an extra of its setup.cfg installs
-OPTIONAL = {'distributed': 'distributed', 'vehiclemodels': 'commonroad-vehicle-models'}
+OPTIONAL = {'vehiclemodels': 'commonroad-vehicle-models'}
 # packages that do without a module which others need, by package
 OPTIONAL_FOR = {'bags': {'pandas': 'pandas'}}
 NOT_IMPORTED = {'ros2launch'}  # the command that finds the launch files

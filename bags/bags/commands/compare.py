@@ -30,12 +30,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='CSV',
         help='draw the curves of this file, too: docs/report.md has its columns (may be repeated)',
     )
-    parser.add_argument(
-        '--claims',
-        type=Path,
-        metavar='FILE',
-        help='claims.json for the report (default: the one in DIR, where there is one)',
-    )
 
 
 class _ListMetrics(argparse.Action):
@@ -59,5 +53,5 @@ def run(args: argparse.Namespace) -> int:
     if len(bags) < len(args.bags):
         print(f'left out, since they are no bags: {", ".join(map(str, others))}', file=sys.stderr)
     out = args.out or Path(os.path.abspath(bags[0])).parent
-    show_comparison(compare_bags(bags, out, args.force, args.claims, args.overlay), Console())
+    show_comparison(compare_bags(bags, out, args.force, args.overlay), Console())
     return 0

@@ -3,7 +3,7 @@
 comparison          compare bags, or runs, and write all results
 comparability       refuse runs of different scenarios or plants; provenance of each run
 overview            runs of several scenarios side by side
-page                report.html, with the claims of the paper
+page                report.html
 interactive_panels  its panels as Bokeh figures
 animation           its animation of the manoeuvre
 """

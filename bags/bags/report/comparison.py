@@ -17,7 +17,6 @@ from bags.figures import comparison_figures, panels, style
 from bags.figures.overlay import Overlay, read_overlays
 from bags.report import page
 from bags.report.comparability import check_comparable
-from bags.report.page import Claim
 from bags.run import Run, load_quietly
 from bags.storage.invalid_messages import KEY, describe_invalid
 
@@ -41,20 +40,16 @@ def compare_bags(
     paths: Sequence[Path | str],
     out: Path,
     force: bool = False,
-    claims_file: Path | None = None,
     overlay_files: Sequence[Path] = (),
 ) -> Comparison:
     """Compare the bags at `paths` and write the results into the folder `out`.
 
-    They are comparison.json, comparison.csv, figures/ and report.html. The report also shows the
-    claims in `claims_file`, by default a claims.json in `out` where there is one. The curves of the
-    CSV files `overlay_files` (`figures.overlay`) are drawn beside those of the runs. Runs of one
+    They are comparison.json, comparison.csv, figures/ and report.html. The curves of the CSV
+    files `overlay_files` (`figures.overlay`) are drawn beside those of the runs. Runs of one
     controller are called after their folders. Raises BagError for bags that cannot be evaluated,
     for one that is given twice, and for runs of different scenarios or plants (`force` compares
     them anyway, on the road of the first).
     """
-    claims_file = claims_file or page.claims_beside(out)
-    claimed = page.load_claims(claims_file) if claims_file else []
     loaded = [load_quietly(path) for path in paths]
     if not force:
         check_comparable(paths, [run.run_info for run in loaded])
@@ -66,7 +61,7 @@ def compare_bags(
     overlays = ()
     if overlay_files:
         overlays = read_overlays(overlay_files, list(runs), loaded[0].drive.scene)
-    return compare_runs(panels.assign(runs), out, faults, claimed, overlays)
+    return compare_runs(panels.assign(runs), out, faults, overlays)
 
 
 def load_runs(paths: Sequence[Path | str]) -> dict[str, Run]:
@@ -101,7 +96,6 @@ def compare_runs(
     runs: Sequence[EvaluatedDrive],
     out: Path,
     faults: Mapping[str, Mapping[str, Any]] = NO_FAULTS,
-    claimed: Sequence[Claim] = (),
     overlays: Sequence[Overlay] = (),
 ) -> Comparison:
     """Write the results of runs that have names and looks (`panels.assign`) into the folder `out`.
@@ -127,7 +121,7 @@ def compare_runs(
     table_file.write_text(metrics_table.metrics_csv(by_run))
     comparison_figures.write_figures(runs, scenario, folder, overlays)
     report = out / page.REPORT_FILE
-    data = page.ReportData(values, runs, claimed, overlays)
+    data = page.ReportData(values, runs, overlays)
     report.write_text(page.report_html(data), encoding='utf-8')
     drawn = [p for name in comparison_figures.ALL for p in style.figure_paths(folder / name)]
     return Comparison(values, file, table_file, drawn, report, replaced)

@@ -1,10 +1,7 @@
-"""Write report.html: figures, animation, metrics, claims and provenance in one HTML file."""
+"""Write report.html: figures, animation, metrics and provenance in one HTML file."""
 
-import json
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
-from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import jinja2
@@ -14,7 +11,6 @@ from bokeh.models import CustomJS, Range1d
 from bokeh.resources import Resources
 
 from bags import metrics_table
-from bags.errors import BagError
 from bags.evaluation import metrics
 from bags.evaluation.descriptions import describe_runs
 from bags.evaluation.metrics.registry import EvaluatedDrive
@@ -26,60 +22,10 @@ from bags.report.comparability import origin_rows, parameter_rows
 from bags.report.interactive_panels import PANELS
 from bags.storage.invalid_messages import KEY
 
-CLAIMS_FILE = 'claims.json'
 REPORT_FILE = 'report.html'
 PAGE = files('bags.report') / 'page'
 START = 'startReport(film, panels)'  # in report.js
 GOOD = {True: 'good', False: 'bad', None: ''}
-
-
-class Claim(NamedTuple):
-    """One claim of the paper, our result and its cause; texts for a person."""
-
-    claim: str
-    paper: str
-    ours: str
-    verdict: str  # reproduced, partly, not, not decided here
-    cause: str
-    reasons: Mapping[str, str] = MappingProxyType({})  # by the letters after the verdict
-
-
-TEXTS = tuple(name for name in Claim._fields if name not in Claim._field_defaults)
-
-
-def claims_beside(folder: Path) -> Path | None:
-    """Return the claims.json in `folder`, None where there is none."""
-    file = folder / CLAIMS_FILE
-    return file if file.is_file() else None
-
-
-def load_claims(file: Path) -> list[Claim]:
-    """Read a list of {claim, paper, ours, verdict, cause}; BagError says what is wrong with it.
-
-    `reasons` may be added: the meaning of the letters after a verdict. Other keys are ignored.
-    """
-    try:
-        claims = json.loads(file.read_text())
-    except (OSError, ValueError) as error:
-        raise BagError(f'{file}: no claims can be read: {error}') from None
-    if not isinstance(claims, list):
-        raise BagError(f'{file}: must be a list of claims, is a {type(claims).__name__}')
-    read = []
-    for k, claim in enumerate(claims):
-        missing = [key for key in TEXTS if not isinstance(claim, dict) or key not in claim]
-        if missing:
-            raise BagError(f'{file}: claim {k} lacks {", ".join(missing)}')
-        reasons = claim.get('reasons', {})
-        if not (isinstance(reasons, dict) and all(isinstance(v, str) for v in reasons.values())):
-            raise BagError(
-                f'{file}: claim {k}: reasons: must be a mapping of texts, is {reasons!r}'
-            )
-        values = {key: '–' if claim[key] is None else claim[key] for key in TEXTS}
-        texts = (
-            v if isinstance(v, str) else json.dumps(v, ensure_ascii=False) for v in values.values()
-        )
-        read.append(Claim(*texts, reasons))
-    return read
 
 
 class ReportData(NamedTuple):
@@ -87,7 +33,6 @@ class ReportData(NamedTuple):
 
     values: Mapping[str, Any]  # comparison.json
     runs: Sequence[EvaluatedDrive]  # with names and looks
-    claims: Sequence[Claim] = ()
     overlays: Sequence[Overlay] = ()
 
 
@@ -139,8 +84,6 @@ def report_html(data: ReportData) -> str:
         paper_note=metrics_table.PAPER_NOTE if with_paper else '',
         colour_note=metrics_table.COLOUR_NOTE,
         good=GOOD,
-        claims=data.claims,
-        reasons={key: text for claim in data.claims for key, text in claim.reasons.items()},
         origin=origin_rows(infos),
         parameters=parameter_rows(infos),
         bokeh_js='\n'.join(Resources(mode='inline', components=['bokeh']).js_raw),

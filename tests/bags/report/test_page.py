@@ -1,7 +1,6 @@
 """The report as a file: self-contained, small, escaped, complete."""
 
 import copy
-import json
 import re
 import time
 
@@ -9,7 +8,6 @@ import markupsafe
 import numpy as np
 import pytest
 
-from bags.errors import BagError
 from bags.evaluation import metrics
 from bags.evaluation.controller_log import EMPTY_LOG
 from bags.evaluation.descriptions import UNKNOWN, describe_runs, leading_comment
@@ -69,9 +67,8 @@ def test_what_differs_between_the_runs_is_marked(logs, report):
 
 def test_a_drive_without_notes_has_a_report_all_the_same(material):
     silent = [changed(run, log=EMPTY_LOG) for run in material.runs]
-    text = page.report_html(material._replace(runs=silent, claims=()))
+    text = page.report_html(material._replace(runs=silent))
     assert 'id="manoeuvre"' in text
-    assert 'id="claims"' not in text
     assert 'data-panel="v2o"' in text
     # nothing was said of friction use
     assert 'data-panel="friction_front"' not in text
@@ -144,38 +141,3 @@ def test_the_film_opens_where_the_runs_are_closest_to_an_obstacle(runs):
     first = min(runs, key=lambda run: np.nanmin(nearest[run.name]))
     wanted = first.series.t[np.nanargmin(nearest[first.name])]
     assert animation.opening_time(runs) == wanted > 0.0
-
-
-def test_what_stands_behind_a_verdict_is_said_once_below_the_claims(material):
-    claim = material.claims[0]
-    open_ = claim._replace(reasons={'a': 'too < easy', 'b': 'tuned'})
-    text = page.report_html(
-        material._replace(claims=(open_, claim, open_._replace(reasons={'b': 'tuned'})))
-    )
-    assert text.index('</table>', text.index('id="claims"')) < text.index('(a) too &lt; easy')
-    assert text.count('(b) tuned') == 1
-    assert '(a) ' not in page.report_html(material)
-
-
-def test_claims_lie_beside_or_say_what_is_wrong_with_them(tmp_path):
-    assert page.claims_beside(tmp_path) is None
-    file = tmp_path / page.CLAIMS_FILE
-    item = {'claim': 'c', 'paper': 9, 'ours': None, 'verdict': 'not', 'cause': 'x', 'interval': [1]}
-    file.write_text(json.dumps([item]))
-    assert page.claims_beside(tmp_path) == file
-    assert page.load_claims(file) == [page.Claim('c', '9', '–', 'not', 'x')]
-    file.write_text(json.dumps([item | {'reasons': {'a': 'easy'}}]))
-    assert page.load_claims(file)[0].reasons == {'a': 'easy'}
-    for wrong, output in (
-        ('{}', 'must be a list'),
-        ('[{"claim": 1}]', 'lacks paper'),
-        ('[', 'read'),
-        (json.dumps([item | {'reasons': 'easy'}]), 'claim 0: reasons: must be a mapping of texts'),
-        (
-            json.dumps([item | {'reasons': {'a': 1}}]),
-            'claim 0: reasons: must be a mapping of texts',
-        ),
-    ):
-        file.write_text(wrong)
-        with pytest.raises(BagError, match=output):
-            page.load_claims(file)
