@@ -64,7 +64,7 @@ def test_a_scenario_file_is_no_run_file():
     [
         ('controllers: [mpcc]\n', "run.yaml:1: key 'scenario' is missing"),
         ('scenario: straight\ncontroler: mpcc\n', 'run.yaml:2: controler: unknown key; did you me'),
-        ('scenario: 3\n', "run.yaml:1: scenario: is '3'; allowed a name or a file"),
+        ('scenario: 3\n', 'run.yaml:1: scenario: must be a text, is 3; allowed a name or a file'),
         ('scenario: straight\ncontrollers: []\n', 'run.yaml:2: controllers: is empty; allowed at'),
         (
             'scenario: straight\nsettings:\n  plnt.friction: 1\n',
@@ -75,7 +75,10 @@ def test_a_scenario_file_is_no_run_file():
             'scenario: straight\nsettings: {plant.friction: {a: 1}}\n',
             'run.yaml:2: settings.plant.friction: is no parameter; allowed a number',
         ),
-        ('scenario: straight\nlabels: [7]\n', r"run.yaml:2: labels\[0\]: is '7'; allowed 1 to 40"),
+        (
+            'scenario: straight\nlabels: [7]\n',
+            r'run.yaml:2: labels\[0\]: must be a text, is 7; allowed 1 to 40',
+        ),
         (
             'scenario: straight\ncontrollers: [mpcc, frenet, mpcc_road]\nlabels: [a, b]\n',
             'run.yaml:3: labels: has 2 labels; allowed 1 or 3',
