@@ -34,7 +34,7 @@ RUN apt-get update && rosdep update --rosdistro jazzy \
     && rosdep install --from-paths src --ignore-src --rosdistro jazzy -y \
       --skip-keys 'casadi-pip python3-bokeh-pip' \
     && rm -rf /var/lib/apt/lists/*
-RUN pip install casadi mcap zstandard lz4 scipy optuna cmaes pyarrow rich 'numpy<2' \
+RUN pip install casadi mcap zstandard lz4 scipy optuna cmaes distributed pyarrow rich 'numpy<2' \
       matplotlib bokeh jinja2 pandas scikit-learn
 
 COPY msgs_yaml src/msgs_yaml
@@ -50,7 +50,7 @@ RUN source /opt/ros/jazzy/setup.bash && python -m colcon build --base-paths src
 # -- tests: the suite of the repository against what colcon installed
 FROM build AS test
 RUN pip install 'pytest<9' pytest-timeout pytest-xdist hypothesis rosbags mcap-ros2-support \
-      distributed commonroad-vehicle-models ruff
+      commonroad-vehicle-models ruff
 COPY . /repository
 RUN source /opt/ros/jazzy/setup.bash && python -m colcon test --base-paths src \
     && python -m colcon test-result --verbose

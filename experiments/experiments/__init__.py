@@ -24,7 +24,6 @@ Common
     progress           progress on the console
     pass_criteria      what a scenario expects of a run
     tick_events        events of a drive that name a tick
-    code_version       a digest of the code that decides a run
     plant_limit        the lateral acceleration that the plant reaches
     statistical_inference  interval of a share, correction of p-values
 

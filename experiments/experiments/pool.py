@@ -339,6 +339,9 @@ def _do(command, check, task, limit_s):
         except (OSError, RefusedError) as error:
             return pickle.dumps((None, RefusedError(str(error)), ''))
         _processes.setdefault(command, []).append(_own.process)
+        if command in _left:  # meanwhile
+            _end_processes(command)
+            return pickle.dumps((None, WorkerError('the pool was left'), ''))
     return _own.process.do(task, limit_s)
 
 

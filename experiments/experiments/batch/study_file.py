@@ -192,6 +192,8 @@ def _expand(folder, items, words):
     """Return names as they are and files below the folder, patterns expanded, each once."""
     names = []
     for item, word in zip(items, words):
+        if ':' in word and word.partition(':')[0] in FAMILIES:
+            raise item.error(f'{word!r} is a draw of a family; allowed under families')
         if os.sep not in word and not word.endswith(SUFFIXES) and not glob.has_magic(word):
             names.append(word)
             continue

@@ -16,15 +16,7 @@ EXAMPLE = 'experiments paper --out /tmp/paper'
 OUT = Path('paper')
 CIRCLE, CIRCLE_CONTROLLER = 'circle_20m', 'mpcc_no_ca'
 # the setting that comes nearest to the paper's figures: docs/howto/paper_picture.md
-PICTURE = Path('paper', 'picture')
-SCENARIO = PICTURE / 'double_lane_change_limit.yaml'
-CONTROLLERS = tuple(PICTURE / f'{name}_limit.yaml' for name in ('mpcc', 'mpcc_no_ca', 'frenet'))
-SETTINGS = (
-    'controller.model.friction=0.921',
-    'plant.car.scaling.rear.LKY=1.9008',
-    'plant.car.suspension.front.antiroll_npm=21900.0',
-    'plant.car.suspension.rear.antiroll_npm=18900.0',
-)
+PICTURE = Path('paper', 'picture', 'drive.yaml')
 TIME_LIMIT_S = 600.0  # of wall time for a drive
 
 
@@ -39,13 +31,20 @@ def run(options: argparse.Namespace) -> int:
     from bags.figures import frame_distance_figure
     from bags.report.comparison import compare_bags, show_comparison
     from bags.run import load
+    from experiments.run import run_file
 
-    if not SCENARIO.is_file():
-        raise BagError(f'{SCENARIO}: is not here; `experiments paper` runs in a clone')
+    if not PICTURE.is_file():
+        raise BagError(f'{PICTURE}: is not here; `experiments paper` runs in a clone')
     console = Console()
     (bag,) = _drive(CIRCLE, [CIRCLE_CONTROLLER], options.out, (), console)
     distances = frame_distance_figure.write_frame_distances(load(bag).drive, options.out / CIRCLE)
-    driven = _drive(str(SCENARIO), list(map(str, CONTROLLERS)), options.out, SETTINGS, console)
+    picture = run_file.load(str(PICTURE))
+    settings = [
+        f'{role}.{name}={value}'
+        for role, values in picture.settings.items()
+        for name, value in values.items()
+    ]
+    driven = _drive(picture.scenario, picture.controllers, options.out, settings, console)
     comparison = compare_bags(driven, options.out / 'double_lane_change')
     show_comparison(comparison, console)
     print_paths(console, {'distances': distances.figures[0]})

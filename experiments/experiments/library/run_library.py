@@ -9,9 +9,10 @@ from typing import Any
 from rich.console import Console
 
 from bags.command_line import print_text
+from bags.errors import BagError
 from experiments import code_version, drive_row, pass_criteria, row_runner
 from experiments.configuration import node_config
-from experiments.drive_row import Row
+from experiments.drive_row import SCENARIO_SPEED, Row
 from experiments.library import survival_table
 from experiments.pool import Pool
 from experiments.progress import CountProgress
@@ -59,6 +60,8 @@ def plan_rows(
     """Return every row, family by family, draw by draw, controller by controller."""
     controllers = node_config.find_controllers(options.controller or ['mpcc_road'])
     settings = drive_row.as_pairs(options.settings)
+    if families and SCENARIO_SPEED in dict(settings):
+        raise BagError(f'--set {SCENARIO_SPEED}: families draw their own speeds')
     indices = range(options.first, options.first + options.draws)
     draws = [f'{family}:{index}' for family in families for index in indices]
     return [

@@ -112,5 +112,6 @@ def with_options(
         controllers=controllers or run.controllers or ('mpcc',),
         settings=overrides,
         origins=origins,
-        labels=(label,) if label else () if controllers else run.labels,
+        # a label for each controller is that of the controllers of the file
+        labels=(label,) if label else () if controllers and len(run.labels) > 1 else run.labels,
     )

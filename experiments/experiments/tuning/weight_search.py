@@ -6,6 +6,7 @@ number of processes. Drives are kept: an interrupted search asks for the same ro
 those that are missing. The first trials of a longer stage are those of a shorter one.
 """
 
+import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -18,9 +19,9 @@ import pandas
 from optuna.distributions import FloatDistribution
 from optuna.samplers import TPESampler
 
-from experiments import drive_row
+from experiments import code_version, drive_row
 from experiments.drive_records import DriveRecords
-from experiments.drive_row import SCENARIO_SPEED
+from experiments.drive_row import SCENARIO_SPEED, Row
 from experiments.pool import Pool
 from experiments.tuning import problem
 from experiments.tuning.problem import Condition, Score, Span
@@ -139,7 +140,7 @@ def _run_stage(
 
 def _drive(rows, records, pool, on_run):
     """Return the score of each row, in their order; drive those that have none."""
-    keys = [drive_row.key(row) for row in rows]
+    keys = [_key(row) for row in rows]
     missing = {key: row for key, row in zip(keys, rows) if key not in records}
     tasks = [
         (row, key, partial(problem.measure, speed_mps=dict(row.settings)[SCENARIO_SPEED]))
@@ -151,6 +152,12 @@ def _drive(rows, records, pool, on_run):
         records.add(list(missing)[ended.number], ended.value)
         on_run()
     return [Score(**json.loads(records[key])) for key in keys]
+
+
+def _key(row: Row) -> str:
+    """Return the SHA-256 of all that decides the score of a row."""
+    code = code_version.digest((*code_version.ROOTS, problem.__name__))
+    return hashlib.sha256(f'{drive_row.key(row)} {code}'.encode()).hexdigest()
 
 
 def as_table(trials: Sequence[Trial]) -> pandas.DataFrame:

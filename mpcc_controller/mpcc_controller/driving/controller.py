@@ -178,13 +178,13 @@ class Controller:
 
         An exception inside is counted in `errors`; the car brakes along the last plan.
         """
-        self._before = self.memory
+        self._before, began = self.memory, self.parts.clock()
         try:
             self.memory, record = tick.tick(self.memory, inputs, self.scene, self.parts)
         except Exception as error:
             self.errors.add(error)
             self.memory, record = tick.brake_after_error(
-                self._before, inputs, self.scene, self.parts
+                self._before, inputs, self.scene, self.parts, began
             )
         return record
 
@@ -193,9 +193,11 @@ class Controller:
 
         For a caller that caught an exception outside of `step`; the law is that of one inside.
         """
-        answered = self.memory.last.stamp_ns == inputs.state.stamp_ns
-        memory = self._before if answered else self.memory
-        self.memory, record = tick.brake_after_error(memory, inputs, self.scene, self.parts)
+        if self.memory.last.stamp_ns != inputs.state.stamp_ns:  # this state is not answered yet
+            self._before = self.memory
+        self.memory, record = tick.brake_after_error(
+            self._before, inputs, self.scene, self.parts, self.parts.clock()
+        )
         return record
 
     def report(self, record: TickRecord) -> tuple[Prediction, Why]:

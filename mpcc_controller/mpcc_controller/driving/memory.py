@@ -37,10 +37,10 @@ class Memory:
     ramps: tuple[SetpointRamp, ...]  # set-points sent, the newest last
     sightings: Sightings
     friction: friction_estimate.Memory | None  # None where it is not estimated
-    believed: float  # friction
+    believed: float  # friction coefficient
     actuators: ActuatorState = field(default_factory=ActuatorState)
-    guide: tuple[int, np.ndarray] | None = None  # stamp and points of the last plan
-    known: VehicleState | None = None  # the last state that was
+    guide: tuple[int, np.ndarray] | None = None  # stamp [ns] and points [m] of the last plan, map
+    known: VehicleState | None = None  # the last state that was finite
     is_too_slow: bool = False
     slid: bool = False  # whether the car slid in the last tick
     progress: Progress = field(default_factory=Progress)

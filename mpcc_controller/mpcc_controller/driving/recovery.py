@@ -90,7 +90,8 @@ def recovery_target(
     Both set-points respect their limits and rate limits for every finite state.
     """
     limits, step_s = params.limits, params.model.step_s
-    x = _predict(x, now, car, gains.delay_s + (car.steer_lag or STEER_LAG_S))
+    lag_s = car.steer_lag if params.model.servo_lag else STEER_LAG_S
+    x = _predict(x, now, car, gains.delay_s + lag_s)
     v = max(math.hypot(x.vx, x.vy), LEAST_MPS)
     beta = math.atan2(x.vy, x.vx)
     Fz = single_track.loads(now.Fx, car)

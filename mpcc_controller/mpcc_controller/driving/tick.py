@@ -1,9 +1,10 @@
 """One tick: from a state and what earlier ticks left to a command and what this one leaves.
 
-Pure: equal arguments give equal results, and nothing is changed in place. No ROS; SI units; stamps
-and instants in ns.
+Pure but for the clock: equal arguments give equal results, and nothing is changed in place. No ROS;
+SI units; stamps and instants in ns.
 """
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -24,6 +25,7 @@ from mpcc_controller.driving import (
 from mpcc_controller.driving.choose import Candidacy
 from mpcc_controller.driving.delay_compensation import SetpointRamp, predict, still_needed
 from mpcc_controller.driving.fallback import BRAKING, RECOVERY, Decision
+from mpcc_controller.driving.friction_estimate import FrictionBelief
 from mpcc_controller.driving.gate import UNTIMELY
 from mpcc_controller.driving.internal_errors import INTERNAL_ERROR
 from mpcc_controller.driving.memory import Memory
@@ -55,34 +57,21 @@ class Now(NamedTuple):
     start: Setpoints  # then
     world: Scene  # with its obstacles where they are then
     car: Car  # on the road that is believed
+    effective_ns: int  # when the command takes effect
 
 
 def tick(
     memory: Memory, inputs: TickInputs, scene: Scene, parts: Parts
 ) -> tuple[Memory, TickRecord]:
     """Return the command that answers a state, with everything that led to it."""
-    began, params, before = parts.clock(), parts.params, memory
-    # estimate
-    x = measurement_errors.measured_state(inputs.state, params.measurement_errors)
-    effective_ns = inputs.effective_ns
-    if effective_ns is None:
-        effective_ns = _effective_ns(memory, x, inputs.age_s, parts)
-    memory, ramps, belief, x = _estimate(memory, x, inputs, parts)
-    car = parts.model.car_on(memory.believed)
-    start = memory.actuators.begin(memory.ramp.end, params.limits)
-    memory, state = _state_at(memory, x, effective_ns, ramps, car, parts)
-    # predict the world
-    sightings = obstacle_perception.observe(
-        memory.sightings, scene, inputs.state, x.stamp_ns, params
-    )
-    memory = replace(memory, sightings=sightings)
-    world = world_at(memory, scene, x.stamp_ns, effective_ns, parts)
+    began, before = parts.clock(), memory
+    memory, now, belief = _sense(memory, inputs, scene, parts)
     # guess, solve and choose, or take a lower level of the ladder
-    now = Now(x, state, start, world, car)
     memory, decision, x0, attempt = _decide(memory, now, inputs.fault, parts)
     memory, command, line = _act(memory, decision, attempt is not None, now, parts)
     # gate
     age_s = inputs.age_s + (parts.clock() - began if parts.limit_time else 0.0)
+    state, car = now.state, now.car
     brakes = parts.model.car_to_brake(memory.believed)
     checked = parts.gate.check(command, before.last, age_s, brakes)
     rejections = [checked.reason] if checked.reason else []
@@ -97,7 +86,7 @@ def tick(
     # remember
     command, reason = checked.command, rejections[0] if rejections else ''
     computing_s = parts.clock() - began
-    memory = _remember(memory, command, decision, effective_ns, rejections, parts)
+    memory = _remember(memory, command, decision, now.effective_ns, rejections, parts)
     memory = replace(memory, slid=is_sliding(state, car, before.slid, parts), resumed=False)
     if not inputs.fault:  # braking takes no time and says nothing about the next solve
         window = delay_compensation.WINDOW
@@ -106,9 +95,9 @@ def tick(
         inputs=inputs,
         command=command,
         decision=decision,
-        effective_ns=effective_ns,
+        effective_ns=now.effective_ns,
         state=state,
-        scene=world,
+        scene=now.world,
         x0=x0,
         attempt=attempt,
         braking_line=line,
@@ -123,13 +112,17 @@ def tick(
 
 
 def brake_after_error(
-    memory: Memory, inputs: TickInputs, scene: Scene, parts: Parts
+    memory: Memory, inputs: TickInputs, scene: Scene, parts: Parts, began: float
 ) -> tuple[Memory, TickRecord]:
-    """Return the command in place of that of a tick that raised; calls nothing that a tick calls.
+    """Return the command in place of that of a tick that raised and `began` at an instant [s].
 
-    `memory` is that from before the tick. The next solve starts cold.
+    `memory` is that from before the tick. What the tick measures is remembered if it can be: the
+    friction of the road and faults of actuators may change while ticks raise. The command itself
+    needs nothing that a tick calls. The next solve starts cold.
     """
-    began, x, params = parts.clock(), inputs.state, parts.params_to_brake
+    with suppress(Exception):
+        memory, _, _ = _sense(memory, inputs, scene, parts)
+    x, params = inputs.state, parts.params_to_brake
     step_ns, limits = round(params.model.step_s * NS_PER_S), params.limits
     line, points = braking.NONE, None
     if scene.path is not None:
@@ -151,6 +144,7 @@ def brake_after_error(
     force, active = command.Fxf + command.Fxr, memory.ramps[-1]
     share = command.Fxf / force if force < 0 else active.lambda_b
     sent = SetpointRamp(effective_ns, active.end, due_ns, Setpoints(command.delta, force), share)
+    resumed = memory.resumed
     plans = memory.plans._replace(plan=None, age=0, good_age=memory.plans.good_age + 1)
     memory = replace(
         memory,
@@ -176,7 +170,28 @@ def brake_after_error(
         rejections=memory.rejections,
         prepared_s=None,
         computing_s=parts.clock() - began,
+        resumed=resumed,
     )
+
+
+def _sense(
+    memory: Memory, inputs: TickInputs, scene: Scene, parts: Parts
+) -> tuple[Memory, Now, FrictionBelief | None]:
+    """Return what a tick plans from: the estimated state, and the world that is predicted."""
+    x = measurement_errors.measured_state(inputs.state, parts.params.measurement_errors)
+    effective_ns = inputs.effective_ns
+    if effective_ns is None:
+        effective_ns = _effective_ns(memory, x, inputs.age_s, parts)
+    memory, ramps, belief, x = _estimate(memory, x, inputs, parts)
+    car = parts.model.car_on(memory.believed)
+    start = memory.actuators.begin(memory.ramp.end, parts.params.limits)
+    memory, state = _state_at(memory, x, effective_ns, ramps, car, parts)
+    sightings = obstacle_perception.observe(
+        memory.sightings, scene, inputs.state, x.stamp_ns, parts.params
+    )
+    memory = replace(memory, sightings=sightings)
+    world = world_at(memory, scene, x.stamp_ns, effective_ns, parts)
+    return memory, Now(x, state, start, world, car, effective_ns), belief
 
 
 def world_at(memory: Memory, scene: Scene, seen_ns: int, stamp_ns: int, parts: Parts) -> Scene:
@@ -244,7 +259,7 @@ def _state_at(
 
 def _decide(memory: Memory, now: Now, fault: str, parts: Parts):
     """Return (memory, decision, stage 0 or None, attempt or None)."""
-    params, (measured, x, start, world, car) = parts.params, now
+    params, (measured, x, start, world, car, _) = parts.params, now
     sliding = is_sliding(x, car, memory.slid, parts)
     if fault == STATE_STALE or not np.all(np.isfinite(measured)):
         reason = fault if fault == STATE_STALE else NOT_FINITE
@@ -279,7 +294,7 @@ def _decide(memory: Memory, now: Now, fault: str, parts: Parts):
 
 def _act(memory: Memory, decision: Decision, is_new: bool, now: Now, parts: Parts):
     """Return (memory, command, line): the line along which the car brakes, None with a plan."""
-    params, (measured, x, start, world, car) = parts.params, now
+    params, (measured, x, start, world, car, _) = parts.params, now
     step_s, limits, line = params.model.step_s, parts.params_to_brake.limits, None
     if decision.plan is not None:
         target = setpoints.target_of_plan(decision.plan, car, params.limits)

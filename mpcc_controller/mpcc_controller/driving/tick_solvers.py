@@ -1,4 +1,4 @@
-"""The solvers of a tick and what each is for: a plan, a slide, a failure, other candidates."""
+"""The solvers of a tick and what each is for: the followed plan, a slide, other candidates."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -72,7 +72,7 @@ class TickSolvers:
         return self.solve_first(problem, problem.guess_local, self.clock())
 
     def solve_first(self, problem: TickProblem, guess: Plan, began: float) -> Solution:
-        """Return the solution of the first solver; of a car that slides, see `_solve_relaxed`."""
+        """Return the solution of the followed plan; of a car that slides, see `_solve_relaxed`."""
         chosen = self._chosen(problem)
         self._limit(chosen, began)
         first = self._run(chosen, problem, guess)
@@ -112,7 +112,7 @@ class TickSolvers:
     ) -> list[Solution]:
         """Return the solutions of the followed plan and the other candidates, in parallel.
 
-        All of them within the time limit of the first solver, where there is one.
+        All of them within the time limit of the followed plan, where there is one.
         """
         own = partial(self.solve_first, followed, guess, began)
         first, solutions = self._solve_in_parallel(own, others, began)
@@ -139,23 +139,25 @@ class TickSolvers:
         """
         chosen, limit_s = self._chosen(problem), self.prediction.params.solver.time_limit_s
         refreshes = 0
-        while refreshes < MOST_REFRESHES and self._has_left_arcs(problem, first):
-            remaining_s = limit_s - (self.clock() - began)
-            if self.limit_time and remaining_s <= 0:
-                break
+        try:
+            while refreshes < MOST_REFRESHES and self._has_left_arcs(problem, first):
+                remaining_s = limit_s - (self.clock() - began)
+                if self.limit_time and remaining_s <= 0:
+                    break
+                if self.limit_time:
+                    chosen.set_time_limit(remaining_s)
+                again = self.prediction.build_problem(
+                    problem.x0, problem.scene, first.plan, problem.car, problem.sliding
+                )
+                solution = self._run(chosen, again, again.guess_local)
+                refreshes += 1
+                if not self.is_usable(solution):
+                    first = _with_effort_of(first, (first, solution))
+                    break
+                problem, first = again, _with_effort_of(solution, (first, solution))
+        finally:
             if self.limit_time:
-                chosen.set_time_limit(remaining_s)
-            again = self.prediction.build_problem(
-                problem.x0, problem.scene, first.plan, problem.car, problem.sliding
-            )
-            solution = self._run(chosen, again, again.guess_local)
-            refreshes += 1
-            if not self.is_usable(solution):
-                first = _with_effort_of(first, (first, solution))
-                break
-            problem, first = again, _with_effort_of(solution, (first, solution))
-        if self.limit_time and refreshes:
-            chosen.set_time_limit(limit_s)
+                chosen.set_time_limit(limit_s)
         return problem, first, refreshes
 
     def is_usable(self, solution: Solution) -> bool:
@@ -170,13 +172,13 @@ class TickSolvers:
         return bool(np.max(moved) > REFRESH_FROM_M)
 
     def _chosen(self, problem: TickProblem) -> StageSolver:
-        """Return the first solver; of a car that slides, the one that iterates longer."""
+        """Return the solver of the followed plan; of a slide, one that iterates longer."""
         return self.sliding if problem.sliding and self.sliding else self.first
 
     def _limit(self, solver: StageSolver, began: float) -> None:
         """Let a solver stop where the time of its tick ends.
 
-        The paper's controller does not share that time: its first solver has all of it.
+        The paper's controller does not share that time: its solver has all of it.
         """
         if self.limit_time and (self.parallel or self.sliding):
             remaining_s = self.prediction.params.solver.time_limit_s - (self.clock() - began)

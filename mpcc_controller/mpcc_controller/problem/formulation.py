@@ -38,7 +38,7 @@ class Formulation(Protocol):
     ) -> StageParameters:
         """Return the parameters of every stage around guessed states in the map (N + 1, 9).
 
-        `car` is `self.car` on the road of now.
+        `car` is `self.car` with the friction that is believed now; None: with its own.
         """
 
     def to_local(self, plan: Plan, path: ReferencePath) -> Plan:

@@ -32,6 +32,7 @@ from msgs_yaml import share
         ({'families': ['pop_up']}, 'draws', 'is missing'),
         ({'families': ['popup'], 'draws': 3}, r'families\[0\]', 'allowed pop_up or'),
         ({'families': [], 'draws': 3}, 'families', 'at least one'),
+        ({'scenarios': ['pop_up:3']}, r'scenarios\[0\]', 'is a draw of a family; allowed under'),
         ({'draw': {'plant.friction': {'uniform': [0.5, 1.0]}}}, 'draws', 'is missing'),
         (
             {'draw': {'plant.friction': {'uniform': [0.5, 1.0]}}, 'draws': 4},

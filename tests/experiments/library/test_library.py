@@ -69,6 +69,10 @@ def test_a_draw_is_written_as_a_scenario_file(tmp_path, difficulty):
         (['--draw', 'slalom:-1', '--out', 'x'], 'allowed FAMILY:INDEX'),
         (['--family', 'slalom', '--controller', 'mpc', '--out', 'x'], "no controller 'mpc'"),
         (['--family', 'slalom', '--set', 'plant.nothing=1', '--out', 'x'], 'nothing'),
+        (
+            ['--family', 'slalom', '--set', 'scenario.speed_mps=20', '--out', 'x'],
+            '--set scenario.speed_mps: families draw their own speeds',
+        ),
     ],
 )
 def test_mistakes_are_one_line(arguments, message, tmp_path, monkeypatch, capsys):

@@ -47,6 +47,8 @@ def test_options_win_over_the_file(write):
     assert other.settings['plant'] == {'friction': 0.7, 'seed': 1}
     assert other.settings['controller'] == {'safety.obstacle_m': 0.5}
     assert run_file.with_options(run, [], [], 'c').labels == ('c',)
+    for_all = run._replace(labels=('wet',))
+    assert run_file.with_options(for_all, ['frenet'], [], '').labels == ('wet',)
 
 
 def test_the_run_of_a_scenario_alone_is_by_mpcc():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from mpcc_controller.driving import planner
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.fallback import BRAKING
 from mpcc_controller.driving.records import TickInputs
@@ -170,6 +171,29 @@ def test_without_collision_avoidance_the_same_lane_change_touches_the_obstacle(w
     obstacle = situation.obstacles.items[0]
     gap = np.hypot(run.states.X - obstacle.X, run.states.Y - obstacle.Y) - obstacle.r_obs - 1.1
     assert np.min(gap) < 0
+
+
+@pytest.mark.parametrize('raises', [None, 'plan'])
+def test_what_is_measured_is_remembered_while_ticks_raise(world, monkeypatch, raises):
+    def fail(*_):
+        raise RuntimeError('in the planner')
+
+    controller = world.set_inputs(Controller(*world.load('mpcc_road')), world.straight())
+    controller.reset(Actuators(0, *5 * [0.0]), resumed=True)
+    if raises:
+        monkeypatch.setattr(planner, raises, fail)
+    records = []
+    for k in range(8):
+        x = world.rolling(X=k)._replace(stamp_ns=(k + 1) * TICK)
+        actuators = Actuators(x.stamp_ns, *5 * [0.0])
+        records.append(controller.step(TickInputs(x, actuators=actuators)))
+    memory, stamp_ns = controller.memory, 8 * TICK
+    assert bool(controller.errors.counts) == bool(raises)
+    assert memory.known.stamp_ns == memory.sightings.true_state.stamp_ns == stamp_ns
+    # neither a steering that agrees nor the start after a pause is forgotten
+    steering, _ = memory.actuators.persistences
+    assert steering.agreed_ns == stamp_ns
+    assert [record.resumed for record in records] == [True] + 7 * [False]
 
 
 def test_what_is_observed_of_obstacles_does_not_depend_on_messages_between_ticks(world):
