@@ -109,7 +109,7 @@ def drive(setup: Setup, slide: Slide) -> Ending:
 
 def ending(odometry, plant) -> Ending:
     """Return how a drive went, from its odometry and the plant's dimensions."""
-    t, _, Y, psi, vx, vy, r = odometry[1:]
+    _, t, _, Y, psi, vx, vy, r = odometry
     moving = np.hypot(vx, vy) > LEAST_MPS
     beta = np.where(moving, np.arctan2(vy, vx), 0.0)
     calm = (np.abs(beta) < SETTLED_SIDESLIP_RAD) & (np.abs(r) < SETTLED_YAW_RATE_RADPS)

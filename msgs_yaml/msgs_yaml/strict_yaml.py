@@ -364,8 +364,10 @@ def parse_value(hint: Any, item: Item) -> Any:
     if not isinstance(item.node, yaml.ScalarNode):
         raise item.error(f'must be a single value, is a {item.node.id}; allowed {leaf.allowed}')
     value = item.value_or_empty()
-    # as it is written, quoted if it is a text
-    fault = leaf.fault(value, _describe(item.node, not isinstance(value, int | float)))
+    # as it is written, quoted if it is a text; what may be left out may not be null
+    fault = leaf._replace(optional=False).fault(
+        value, _describe(item.node, not isinstance(value, int | float))
+    )
     if fault:
         raise item.error(fault)
     return leaf.convert(value)

@@ -1,8 +1,9 @@
 """Compile C source to a shared library once per machine, in a cache that processes share.
 
-A file of the cache is called NAME-CODE.so. CODE covers all that decides the machine code: source,
-flags, compiler, and the CPU when the flags contain -march=native. Beside each library is its
-checksum: nothing damaged is loaded. A C compiler is required.
+A file of the cache is called NAME-CODE-COMPILER.so. CODE covers what the library is to do: source,
+flags, and the CPU when the flags contain -march=native; COMPILER is the version that made it. With
+a compiler its own library counts; without one that of any compiler does, so a machine that has none
+drives with what was built ahead. Beside each library is its checksum: nothing damaged is loaded.
 """
 
 import fcntl
@@ -20,10 +21,14 @@ from pathlib import Path
 _COMPILE_TIMEOUT_S = 900.0
 _MAX_LINES = 12
 _LOG = logging.getLogger(__name__)  # without a handler a warning is a line on stderr
+AHEAD = (
+    'install one (Debian, Ubuntu: apt install gcc), or let MPCC_CACHE_DIR name a folder '
+    'in which a machine of this kind has built the libraries'
+)
 
 
 class CompileError(OSError):
-    """A source cannot be compiled; the text says why."""
+    """There is no library of a source, and none can be made; the text says why."""
 
 
 def compile_library(c_source: str, name: str, flags: tuple[str, ...]) -> Path:
@@ -34,10 +39,10 @@ def compile_library(c_source: str, name: str, flags: tuple[str, ...]) -> Path:
     when the compiler fails, is missing, or may not write into the folder of the cache.
     """
     compiler, folder = find_compiler(), cache_dir()
+    code = f'{name}-{_code(c_source, flags)}'
     if compiler is None:
-        raise CompileError('a C compiler is needed (Debian, Ubuntu: apt install gcc; else set CC)')
-    parts = [c_source, *flags, _version(compiler), _cpu() if '-march=native' in flags else '']
-    library = folder / f'{name}-{_digest(chr(0).join(parts))[:32]}.so'
+        return _built_ahead(folder, code, name)
+    library = folder / f'{code}-{_digest(_version(compiler))[:8]}.so'
     if _is_whole(library):
         return library
     try:
@@ -77,6 +82,16 @@ def find_compiler() -> str | None:
     return None
 
 
+def _built_ahead(folder, code, name):
+    """Return the newest whole library of a code, by any compiler."""
+    libraries = sorted(folder.glob(f'{code}-*.so'), key=os.path.getmtime, reverse=True)
+    for library in libraries:
+        if _is_whole(library):
+            return library
+    lack = f'{libraries[0]} is damaged' if libraries else f'no library of it is in {folder}'
+    raise CompileError(f'no C compiler for {name}, and {lack}: {AHEAD}')
+
+
 def _is_whole(library):
     """Return whether a library is there, and as it was when it was compiled."""
     try:
@@ -87,6 +102,13 @@ def _is_whole(library):
 
 def _checksum_file(library):
     return library.with_suffix('.sha256')
+
+
+def _code(c_source, flags):
+    parts = [c_source, *flags]
+    if '-march=native' in flags:
+        parts.append(_cpu())
+    return _digest('\0'.join(parts))[:32]
 
 
 def _digest(content):

@@ -21,15 +21,15 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
-from evaluated_drives import compare_drives
-
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 os.environ.setdefault('MPLBACKEND', 'Agg')
 
+sys.path.insert(0, str(Path(__file__).parents[1] / 'helpers'))
 import independent_evaluation
 import numpy as np
 import random_scenarios
 from draw_driver import Driver
+from evaluated_drives import compare_drives
 from independent_evaluation import Body, Motion
 from random_scenarios import Draw
 

@@ -95,7 +95,7 @@ def test_it_drives_to_the_stop_at_the_end_of_the_path_and_is_held_there(repeated
     assert odometry.x_m[-1] == pytest.approx(60.0, abs=1.0)
     assert odometry.vx_mps[-1] == pytest.approx(0.0, abs=0.02)
     assert np.diff(odometry.vx_mps[::100]).min() > -0.4  # m/s in 0.1 s
-    assert command[-1][-1] + command[-2][-1] < -1000.0  # N, both axles
+    assert command.front_x_n[-1] + command.rear_x_n[-1] < -1000.0  # N
     whys = [why.values for why in columns['/controller/why'].values]
     assert {why['rung'] for why in whys if abs(why['vx']) > 0.5} <= {'solved', 'stopped_early'}
     assert {why['reason'] for why in whys[-20:]} == {'path_ended'}

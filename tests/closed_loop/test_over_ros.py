@@ -47,7 +47,8 @@ def test_a_slippery_patch_acts_on_the_wheels_on_it(simulated):
     left, right = 0, 1
     kappa = computed['/vehicle/wheels'].slip[:, 2:]
     force = computed['/vehicle/wheels'].force_x_n[:, 2:]
-    x = np.interp(computed['/vehicle/wheels'].t_s, *computed['/vehicle/odometry'][1:3])
+    odometry = computed['/vehicle/odometry']
+    x = np.interp(computed['/vehicle/wheels'].t_s, odometry.t_s, odometry.x_m)
     slope = np.mean(force[(x > 50) & (x < 80)], axis=0) / np.mean(
         kappa[(x > 50) & (x < 80)], axis=0
     )

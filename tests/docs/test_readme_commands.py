@@ -65,7 +65,7 @@ class Home:
         (folder / 'tmp').mkdir()
         (folder / 'experiments').mkdir()
         (folder / 'paper').mkdir()
-        for shipped in ('bags/reference', 'experiments/config', 'paper/settings'):
+        for shipped in ('bags/reference', 'experiments/config', 'paper/settings', 'paper/picture'):
             (folder / shipped).symlink_to(ROOT / shipped)
         own = {
             'my_scenario.yaml': share.path('scenario_publisher', 'scenarios', 'straight.yaml'),
@@ -246,6 +246,7 @@ class Rule(NamedTuple):
 
 RULES = [
     Rule(r'make ', makes),
+    Rule(r'experiments run .*/drive\.yaml', says('mpcc_no_ca_limit', 'frenet_limit')),
     Rule(r'experiments run ', drives),
     Rule(r'bags compare ', compares),
     Rule(r'bags distances ', measures_distances),

@@ -24,7 +24,6 @@ def test_every_command_has_a_help_text(capsys):
     [
         ('rnu straight', 'run'),
         ('run straight --contoller mpcc', '--controller'),
-        ('study settngs', 'settings'),
         ('resolve bag --at closst', 'closest'),
         ('library --difficulty hrd', 'hard'),
     ],

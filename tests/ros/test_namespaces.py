@@ -80,7 +80,7 @@ def test_each_node_graph_records_the_same_bits_as_alone_in_the_root(pair):
     _, beside, alone = pair
     ours, theirs = read.columns(beside, NUMERIC), read.columns(alone, NUMERIC)
     for topic in NUMERIC:
-        for name, column in ours[topic]._asdict().items():
+        for name, column in ours[topic].items():
             assert column.tobytes() == getattr(theirs[topic], name).tobytes(), f'{topic} {name}'
 
 

@@ -60,7 +60,7 @@ def test_two_runs_give_the_same_columns_bit_for_bit(recorded_runs, again):
     first = read.columns(recorded_runs.bag('mpcc'), NUMERIC)
     second = read.columns(again.bag('mpcc'), NUMERIC)
     for topic in NUMERIC:
-        for name, column in first[topic]._asdict().items():
+        for name, column in first[topic].items():
             other = getattr(second[topic], name)
             assert column.tobytes() == other.tobytes(), f'{topic} {name}'
 

@@ -34,5 +34,5 @@ def test_over_ros_and_in_process_the_bits_are_the_same(tmp_path):
     recorded = read.columns(bag)
     computed = simulation.run(simulation.prepare('double_lane_change', 'mpcc', SETTINGS))
     for topic in ('/vehicle/odometry', '/vehicle/wheels', '/vehicle/imu', '/controller/command'):
-        for name, column in computed[topic]._asdict().items():
+        for name, column in computed[topic].items():
             assert np.array_equal(column, getattr(recorded[topic], name)), f'{topic}: {name}'

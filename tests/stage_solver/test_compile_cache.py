@@ -104,6 +104,12 @@ def test_the_cache_may_be_on_a_path_with_spaces(monkeypatch, tmp_path):
     assert os.path.exists(compile_cache.compile_library(SOURCE, 'twice', FLAGS))
 
 
+@pytest.fixture
+def no_compiler(monkeypatch):
+    """Return a function after which no compiler is found."""
+    return lambda: monkeypatch.setenv('CC', 'no-such-compiler')
+
+
 def truncate(library):
     library.write_bytes(library.read_bytes()[:2000])
 
@@ -137,12 +143,33 @@ def test_a_damaged_library_is_compiled_again_with_one_line(damage, caplog):
     ]
 
 
-def test_without_a_compiler_one_sentence_says_what_to_install(monkeypatch):
+@needs_compiler
+@DAMAGES
+def test_without_a_compiler_a_damaged_library_is_refused(damage, no_compiler):
+    library = compile_cache.compile_library(SOURCE, 'twice', FLAGS)
+    damage(library)
+    no_compiler()
+    with pytest.raises(compile_cache.CompileError, match=rf'{library} is damaged.*MPCC_CACHE_DIR'):
+        compile_cache.compile_library(SOURCE, 'twice', FLAGS)
+
+
+@needs_compiler
+def test_without_a_compiler_what_any_compiler_has_built_is_loaded(no_compiler):
+    library = compile_cache.compile_library(SOURCE, 'twice', FLAGS)
+    no_compiler()
+    assert compile_cache.compile_library(SOURCE, 'twice', FLAGS) == library
+    with pytest.raises(compile_cache.CompileError, match='no library of it'):
+        compile_cache.compile_library(SOURCE, 'twice', ('-O1',))
+
+
+def test_without_compiler_and_library_the_error_names_both_ways_out(monkeypatch, cache):
     monkeypatch.setenv('PATH', '')
     with pytest.raises(compile_cache.CompileError) as caught:
         compile_cache.compile_library(SOURCE, 'twice', FLAGS)
     assert str(caught.value) == (
-        'a C compiler is needed (Debian, Ubuntu: apt install gcc; else set CC)'
+        f'no C compiler for twice, and no library of it is in {cache}: '
+        'install one (Debian, Ubuntu: apt install gcc), or let MPCC_CACHE_DIR name a folder '
+        'in which a machine of this kind has built the libraries'
     )
 
 

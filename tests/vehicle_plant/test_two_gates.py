@@ -33,13 +33,13 @@ class Controller:
             ControllerParams, share.path('mpcc_controller', 'config', 'mpcc.yaml')
         )
         params = replace(params, model=replace(params.model, friction=friction))
-        car = stage_parameters.car(params, car_file.load(params))
+        car = self.car = stage_parameters.car(params, car_file.load(params))
         self.limits, self.step_s = params.limits, params.model.step_s
         self.gate = Gate(params.limits, car, self.step_s, params.fallback.max_state_age_s)
 
     def reason(self, command, last):
         """Return why a command does not pass, '' when it does."""
-        return self.gate.check(command, last, FRESH_S).reason
+        return self.gate.check(command, last, FRESH_S, self.car).reason
 
     def most(self, sign, front):
         """Return the greatest force [N] of both axles, of this share at the front, that passes."""

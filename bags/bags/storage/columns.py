@@ -33,6 +33,10 @@ class Columns:
     def __iter__(self) -> Iterator[Any]:
         return iter(vars(self).values())
 
+    def items(self) -> Iterator[tuple[str, Any]]:
+        """Return the columns with their names."""
+        return iter(vars(self).items())
+
     def __repr__(self) -> str:
         return f'Columns({len(self.stamp_ns)} rows: {", ".join(vars(self))})'
 

@@ -143,8 +143,12 @@ def _drive(rows, records, pool, on_run):
     keys = [_key(row) for row in rows]
     missing = {key: row for key, row in zip(keys, rows) if key not in records}
     tasks = [
-        (row, key, partial(problem.measure, speed_mps=dict(row.settings)[SCENARIO_SPEED]))
-        for key, row in missing.items()
+        (
+            row,
+            drive_row.key(row),
+            partial(problem.measure, speed_mps=dict(row.settings)[SCENARIO_SPEED]),
+        )
+        for row in missing.values()
     ]
     for ended in pool.finish_each(drive_row.drive_unchanged, tasks):
         if ended.error:
