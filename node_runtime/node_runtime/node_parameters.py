@@ -186,7 +186,7 @@ def _defaults_path(given, defaults, source):
         return defaults
     name = os.path.expanduser(base)
     path = Path(name) if os.sep in name else defaults.parent / name
-    if not path.is_file():
+    if not os.path.isfile(path):  # false of a name that is too long, too
         raise ParameterError(f'{source(BASE)}: {BASE}: there is no file {path}')
     return path
 

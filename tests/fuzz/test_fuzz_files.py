@@ -1,5 +1,6 @@
 """No YAML file, no parameter and no bag ends in anything but an error that says what is wrong."""
 
+import itertools
 import struct
 import warnings
 from functools import partial
@@ -7,7 +8,7 @@ from functools import partial
 import hostile_messages
 import pytest
 from example_messages import load_example
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from bags.errors import BagError, DamagedBagWarning
@@ -232,6 +233,8 @@ def test_what_cannot_be_read_is_recorded_all_the_same(topic, tmp_path, count):
     @FEWER
     @given(batch(hostile_messages.raws(topic), BAG))
     def example(raws):
+        # what is sent again is recorded once; the last two bytes of the head say nothing
+        assume(all(raw[4:] != before[4:] for before, raw in itertools.pairwise(raws)))
         used, refused = record(tmp_path / f'bag{len(list(tmp_path.iterdir()))}', {topic: raws})
         assert (topic, 0) not in refused
         kept = [raw for number, raw in enumerate(raws) if (topic, number) not in refused]

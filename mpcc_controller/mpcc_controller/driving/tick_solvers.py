@@ -138,13 +138,14 @@ class TickSolvers:
         solution that may not be driven is dropped.
         """
         chosen, limit_s = self._chosen(problem), self.prediction.params.solver.time_limit_s
-        refreshes = 0
+        refreshes, is_limited = 0, False
         try:
             while refreshes < MOST_REFRESHES and self._has_left_arcs(problem, first):
                 remaining_s = limit_s - (self.clock() - began)
                 if self.limit_time and remaining_s <= 0:
                     break
                 if self.limit_time:
+                    is_limited = True
                     chosen.set_time_limit(remaining_s)
                 again = self.prediction.build_problem(
                     problem.x0, problem.scene, first.plan, problem.car, problem.sliding
@@ -156,7 +157,7 @@ class TickSolvers:
                     break
                 problem, first = again, _with_effort_of(solution, (first, solution))
         finally:
-            if self.limit_time:
+            if is_limited:
                 chosen.set_time_limit(limit_s)
         return problem, first, refreshes
 
