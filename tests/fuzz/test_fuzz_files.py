@@ -243,11 +243,11 @@ def test_what_cannot_be_read_is_recorded_all_the_same(topic, tmp_path, count):
     @FEWER
     @given(batch(hostile_messages.raws(topic), BAG))
     def example(raws):
-        # what is sent again is recorded once
-        assume(all(before != raw for before, raw in itertools.pairwise(map(read_as, raws))))
         used, refused = record(tmp_path / f'bag{len(list(tmp_path.iterdir()))}', {topic: raws})
         assert (topic, 0) not in refused
         kept = [raw for number, raw in enumerate(raws) if (topic, number) not in refused]
+        # what is sent again is recorded once
+        assume(all(before != raw for before, raw in itertools.pairwise(map(read_as, kept))))
         assert read.load(used).recordings[topic].payloads == kept
         count('recorder', len(raws))
 
