@@ -25,7 +25,7 @@ Common
     pass_criteria      what a scenario expects of a run
     tick_events        events of a drive that name a tick
     plant_limit        the lateral acceleration that the plant reaches
-    statistical_inference  interval of a share, correction of p-values
+    statistical_inference  intervals of shares and of their paired differences
 
 In Python:
 

@@ -1,7 +1,6 @@
-"""Statistical inference: intervals of shares and of their paired differences, several p-values."""
+"""Statistical inference: intervals of shares and of their paired differences."""
 
 import math
-from collections.abc import Mapping
 
 CONFIDENCE = 0.95
 NEAR = 1e-9
@@ -52,17 +51,3 @@ def paired_interval(only_first: int, only_second: int, pairs: int) -> tuple[floa
     low = brentq(excess, -1.0, estimate - NEAR) if estimate > -1.0 else -1.0
     high = brentq(excess, estimate + NEAR, 1.0) if estimate < 1.0 else 1.0
     return float(low), float(high)
-
-
-def holm(p_values: Mapping[str, float]) -> dict[str, float]:
-    """Return the p-values adjusted by Holm's step-down method (1979), in the given order.
-
-    Rejecting those at or below alpha keeps the probability of any false rejection at most alpha,
-    whatever the dependence between the tests.
-    """
-    adjusted, largest = {}, 0.0
-    ranked = sorted(p_values, key=lambda name: p_values[name])
-    for k, name in enumerate(ranked):
-        largest = max(largest, min(1.0, (len(ranked) - k) * p_values[name]))
-        adjusted[name] = largest
-    return {name: adjusted[name] for name in p_values}

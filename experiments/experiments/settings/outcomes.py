@@ -4,9 +4,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from experiments.settings import preconditions, primaries
-from experiments.settings.arms import BASELINES, MPCC, NO_CA
 from experiments.settings.plan import Plan
 
+# controllers of the rows: the paper's MPCC, the same without collision avoidance, and the baseline
+# with the MPCC's tolerances or with tolerances, circles and brake split of its lineage's open code
+MPCC, NO_CA, MATCHED, LINEAGE = 'mpcc', 'mpcc_no_ca', 'frenet_matched', 'frenet_lineage'
+BASELINES = (MATCHED, LINEAGE)
 NOT_DRIVEN: Mapping[str, Any] = {}
 # conditions that a perturbed start may change; the car without avoidance drives the first one only
 OF_A_START = ('P2', 'P3', 'P4')

@@ -16,7 +16,7 @@ import pandas as pd
 
 from bags.errors import BagError
 from experiments.settings import outcomes, plan
-from experiments.settings.arms import LINEAGE, MATCHED, MPCC
+from experiments.settings.outcomes import LINEAGE, MATCHED, MPCC
 from experiments.settings.plan import LEVELS, Plan
 from experiments.settings.primaries import CLAIMS
 from experiments.statistical_inference import wilson_interval

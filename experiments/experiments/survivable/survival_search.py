@@ -46,11 +46,6 @@ class Verdict(NamedTuple):
     rollouts: int  # that were driven
     drive: Drive | None  # that survives, for POSSIBLE
 
-    @property
-    def possible(self) -> bool | None:
-        """True, False, or None while undecided."""
-        return {POSSIBLE: True, IMPOSSIBLE: False}.get(self.answer)
-
 
 def survivable(
     setup: Setup,

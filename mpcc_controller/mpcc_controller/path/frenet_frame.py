@@ -180,7 +180,7 @@ def disc_to_frenet(path: ReferencePath, obstacle: Disc, near: float) -> FrenetDi
 def edges_to_frenet(road: Road, pieces: Arc, window: float) -> FrenetEdges:
     """Return both edges beside points of the path (k,): where the normals of the path cross them.
 
-    `window` [m] is that of `road_edges.tangent_parabolas`.
+    `window` [m] is that of `road_edges.edge_beside`.
     """
     return FrenetEdges(*(_edge_to_frenet(line, pieces, window) for line in road))
 

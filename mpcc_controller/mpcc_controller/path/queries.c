@@ -225,7 +225,7 @@ static void search_block(const Edge *edge, long block, double x, double y, Neare
   }
 }
 
-/* road_edges.closest for one position; the blocks first .. last - 1 can hold the closest chord, and
+/* the length along the edge closest to one position; the blocks first .. last - 1 can hold the closest chord, and
    *block likely does: it is searched first, and set to the one that does */
 static double edge_foot(const Edge *edge, const double *discs, long first, long last, long *block,
                         double x, double y) {
@@ -256,7 +256,7 @@ static void edge_point(const Edge *edge, double s, double *X, double *Y) {
   *Y = (edge->Y[i + 1] - edge->Y[i]) / length * along + edge->Y[i];
 }
 
-/* road_edges.tangent_parabolas at the point of the edge closest to each position;
+/* road_edges.edge_beside: the parabola at the point of the edge closest to each position;
    out: rows X, Y, psi, kappa */
 void edge_beside(long n, const double *table, const double *discs, long k, const double *X,
                  const double *Y, double window, double *out) {

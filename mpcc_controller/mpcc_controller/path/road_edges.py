@@ -32,16 +32,6 @@ class Polyline(NamedTuple):
         return f'Polyline({self.table.shape[1] - 2} points, {length:.1f} m)'
 
 
-class Chords(NamedTuple):
-    """The chords from each corner of an edge to the next, without continuations."""
-
-    X: np.ndarray  # (m,) m, map, first corner
-    Y: np.ndarray
-    dX: np.ndarray  # (m,) m, to the next corner
-    dY: np.ndarray
-    square: np.ndarray  # (m,) m^2, squared length
-
-
 class Road(NamedTuple):
     """Both edges in driving direction."""
 
@@ -94,85 +84,14 @@ def _distinct(points):
     return points
 
 
-def closest(line: Polyline, X, Y) -> np.ndarray:
-    """Return the length s [m] along the line closest to each point; `X`, `Y` have shape (k,).
-
-    The continuations count only for points whose closest corner is an end of the edge: on a closed
-    road they would run across it.
-    """
-    every = chords_of(line)
-    near = _candidates(every, X, Y)
-    chords = Chords(*(column[near] for column in every))
-    free, share, far = _feet(chords, X[:, None], Y[:, None])
-    best = np.argmin(far, axis=1)
-    rows = np.arange(len(best))
-    along, free = share[rows, best], free[rows, best]
-    best = near[best]
-    last = len(every.X) - 1
-    outside = ((best == 0) & (along == 0)) | ((best == last) & (along == 1))
-    along = np.where(outside, free, along)
-    s = line.s[1:-1]
-    return s[best] + along * (s[best + 1] - s[best])
-
-
-def chords_of(line: Polyline) -> Chords:
-    """Return the chords of an edge without its continuations."""
-    corners = line.table[:2, 1:-1]
-    dX, dY = np.diff(corners)
-    return Chords(*corners[:, :-1], dX, dY, dX**2 + dY**2)
-
-
-def _feet(chords, X, Y):
-    """Return the foot as a share of each chord, clipped, and the squared distance [m^2] to it."""
-    aX, aY = X - chords.X, Y - chords.Y
-    free = (aX * chords.dX + aY * chords.dY) / chords.square
-    share = np.clip(free, 0, 1)
-    return free, share, (aX - share * chords.dX) ** 2 + (aY - share * chords.dY) ** 2
-
-
-def _candidates(chords, X, Y):
-    """Return the indices, in order, of all chords that may be closest to one of the points.
-
-    From the centre of points within a radius of it, the chord closest to one of them is at most
-    twice that radius farther than the chord closest to the centre.
-    """
-    centre = X.mean(), Y.mean()
-    radius = np.sqrt(np.max((X - centre[0]) ** 2 + (Y - centre[1]) ** 2))
-    far = np.sqrt(_feet(chords, *centre)[2])
-    return np.flatnonzero(
-        ~(far > far.min() + 2 * radius + compiled_queries.ROUNDING)
-    )  # NaN: all of them
-
-
-def tangent_parabolas(line: Polyline, s, window: float) -> Edge:
-    """Return the parabolas tangent to the line at the lengths `s` (k,).
-
-    Heading and curvature come from the circle through the points `window` [m] before and after:
-    the corners of a polyline define neither. Beyond its continuations the line is straight. Where
-    it doubles back there is no circle, and the curvature is 0.
-    """
-    # the continuations are straight: one parabola is tangent everywhere
-    s = np.clip(s, line.s[0] + window, line.s[-1] - window)
-    before, here, after = (_point(line, s + step) for step in (-window, 0, window))
-    chord = after - before
-    into, out = here - before, after - here
-    twice_area = into[0] * out[1] - into[1] * out[0]
-    lengths = np.hypot(*into) * np.hypot(*out) * np.hypot(*chord)
-    return Edge(
-        X=here[0],
-        Y=here[1],
-        psi=np.arctan2(chord[1], chord[0]),
-        kappa=np.divide(2 * twice_area, lengths, out=np.zeros_like(lengths), where=lengths > 0),
-    )
-
-
-def _point(line, s):
-    X, Y, length = line.table
-    return np.array([np.interp(s, length, axis) for axis in (X, Y)])
-
-
 def edge_beside(line: Polyline, X, Y, window: float) -> Edge:
-    """Return the parabolas tangent to the line where it is closest to positions (k,)."""
+    """Return the parabolas tangent to the line where it is closest to positions (k,) [m].
+
+    The continuations count only for positions whose closest corner is an end of the edge: on a
+    closed road they would run across it. Heading and curvature come from the circle through the
+    points `window` [m] before and after: the corners of a polyline define neither. Beyond its
+    continuations the line is straight. Where it doubles back the curvature is 0.
+    """
     compiled = compiled_queries.library()
     X, Y = compiled_queries.row(X), compiled_queries.row(Y)
     out = np.empty((4, len(X)))

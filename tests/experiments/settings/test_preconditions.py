@@ -1,13 +1,15 @@
 """Preconditions and claims on rows made by hand."""
 
 import math
+from pathlib import Path
 
 import pytest
 
 from experiments.settings import outcomes, plan, preconditions, primaries
 from experiments.settings.preconditions import Levels
 
-PLAN = plan.load()
+PREREGISTRATION = Path(__file__).parents[3] / 'paper/settings/settings_study.yaml'
+PLAN = plan.rules(PREREGISTRATION.read_text())
 GOOD = {
     'setting': 7,
     'S': 0.8,

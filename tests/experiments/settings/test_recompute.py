@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from pyarrow import parquet
 
 from experiments import cli
 from experiments.settings import plan as plans
@@ -16,6 +17,12 @@ from experiments.settings.recompute import Study
 PUBLISHED = Path(__file__).parents[3] / 'paper/settings'
 STARTS = 5
 UNKNOWN = np.nan
+
+
+@pytest.fixture(scope='module')
+def plan():
+    """Return what was fixed before the published rows were driven."""
+    return plans.rules((PUBLISHED / 'settings_study.yaml').read_text())
 
 
 @pytest.fixture
@@ -92,6 +99,11 @@ def test_the_conditions_from_P1_to_the_level_count():
     study = Study(SimpleNamespace(), pd.DataFrame(), outcomes)
     assert recompute.reaching(study, 'frenet_matched', 'P3')['setting'].tolist() == [1]
     assert recompute.reaching(study, 'frenet_matched', 'P2')['setting'].tolist() == [1, 2]
+
+
+def test_the_kept_rows_carry_the_preregistration():
+    kept = parquet.read_schema(PUBLISHED / recompute.FILE).metadata[b'preregistration']
+    assert kept.decode() == (PUBLISHED / 'settings_study.yaml').read_text()
 
 
 def test_the_kept_rows_are_those_of_the_accepted_settings():

@@ -22,7 +22,7 @@ def hit(straight_emergency):
 def test_an_emergency_that_a_controller_lost_is_proved_possible_by_a_drive(hit):
     assert not survives(simulation.drive(hit))
     verdict = survival_search.survivable(hit, budget=100)
-    assert verdict.possible is True
+    assert verdict.answer == survival_search.POSSIBLE
     values = compute_metrics(verdict.drive)
     assert values['survived'] is True
     assert values['min_outline_gap_m'] > 0.0
@@ -41,7 +41,7 @@ def test_what_no_car_can_stop_before_or_pass_is_impossible(straight_emergency):
         {'x_m': 44.0, 'y_m': -2.5 + 1.7 * i, 'radius_m': 1.0, 'appears_at_s': 1.5} for i in range(6)
     ]
     verdict = survival_search.survivable(straight_emergency(20.0, wall), budget=50)
-    assert verdict.possible is False
+    assert verdict.answer == survival_search.IMPOSSIBLE
     assert verdict.drive is None
 
 
@@ -49,5 +49,5 @@ def test_without_a_drive_or_a_bound_it_stays_undecided(straight_emergency):
     """A car needs longer than a point to move aside: no point is stopped by this, but every car."""
     late = {'x_m': 40.0 + 16.5, 'y_m': 0.0, 'radius_m': 1.3, 'appears_at_s': 2.0}
     verdict = survival_search.survivable(straight_emergency(20.0, [late]), budget=12)
-    assert verdict.possible is None
+    assert verdict.answer == survival_search.UNDECIDED
     assert verdict.rollouts >= 12

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from mpcc_controller.path import arc, compiled_queries, frenet_frame, reference_path, road_edges
 from mpcc_controller.path.arc import Arc, Pose
+from mpcc_controller.path.distance import Edge
 from mpcc_controller.path.reference_path import ReferencePath
 from msgs_yaml.types import Reference, RoadEdges
 
@@ -118,6 +119,36 @@ def test_path_coordinates_are_those_of_numpy(line, away):
         assert mine.e == pytest.approx(expected.e, rel=1e-9, abs=1e-8)
 
 
+def closest(line, X, Y):
+    """Return the length [m] along an edge closest to each position; all chords are looked at."""
+    (x, y), s = line.table[:2, 1:-1], line.s[1:-1]  # without the continuations
+    dx, dy = np.diff(x), np.diff(y)
+    ax, ay = X[:, None] - x[:-1], Y[:, None] - y[:-1]
+    free = (ax * dx + ay * dy) / (dx**2 + dy**2)
+    share = np.clip(free, 0, 1)
+    best = np.argmin((ax - share * dx) ** 2 + (ay - share * dy) ** 2, axis=1)
+    free, share = (each[np.arange(len(best)), best] for each in (free, share))
+    # beyond an end the continuation counts
+    outside = ((best == 0) & (share == 0)) | ((best == len(dx) - 1) & (share == 1))
+    return s[best] + np.where(outside, free, share) * (s[best + 1] - s[best])
+
+
+def tangent_parabolas(line, s, window):
+    """Return the parabolas through the points at the lengths `s` and `window` [m] beside them."""
+
+    def point(length):
+        return np.array([np.interp(length, line.s, axis) for axis in line.table[:2]])
+
+    # the continuations are straight: one parabola is tangent everywhere
+    s = np.clip(s, line.s[0] + window, line.s[-1] - window)
+    before, here, after = (point(s + step) for step in (-window, 0, window))
+    chord, into, out = after - before, here - before, after - here
+    twice_area = into[0] * out[1] - into[1] * out[0]
+    lengths = np.hypot(*into) * np.hypot(*out) * np.hypot(*chord)
+    kappa = np.divide(2 * twice_area, lengths, out=np.zeros_like(lengths), where=lengths > 0)
+    return Edge(*here, np.arctan2(chord[1], chord[0]), kappa)
+
+
 @any_line
 @given(lines, st.sampled_from([0.0, 1.0, 30.0]), st.sampled_from([1, 51]))
 def test_edges_beside_positions_are_those_of_numpy(line, away, count):
@@ -126,7 +157,7 @@ def test_edges_beside_positions_are_those_of_numpy(line, away, count):
     X, Y = beside(rng, points, count, away)
     window = float(rng.uniform(0.5, 6.0))
     result = road_edges.edge_beside(edge, X, Y, window)
-    expected = road_edges.tangent_parabolas(edge, road_edges.closest(edge, X, Y), window)
+    expected = tangent_parabolas(edge, closest(edge, X, Y), window)
     for mine, other in zip(result[:2], expected[:2]):
         assert mine == pytest.approx(other, **NEAR)
     assert np.abs(np.sin((result.psi - expected.psi) / 2)).max() < 1e-9

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from mpcc_controller.path import distance, road_edges
 from mpcc_controller.path.arc import Arc
@@ -122,47 +120,3 @@ def test_an_edge_that_is_no_line_is_rejected_and_its_side_named(left):
     right = np.array([[0.0, -3.0], [10.0, -3.0]])
     with pytest.raises(EdgeError, match='left edge'):
         road_edges.build(RoadEdges(0, left, right))
-
-
-def tangled(rng, corners, bend):
-    """Return an edge of chords 2 m long that turns at random."""
-    turn = np.cumsum(rng.normal(0.0, bend, corners))
-    return np.cumsum(2.0 * np.column_stack([np.cos(turn), np.sin(turn)]), axis=0)
-
-
-@settings(max_examples=100)
-@given(
-    st.integers(0, 2**32 - 1),
-    st.integers(2, 80),
-    st.sampled_from([0.02, 0.3, 2.0]),  # rad between two chords: gentle, a tangle, a heap
-    st.sampled_from([0.0, 1.0, 30.0]),  # m from the edge to the points
-)
-def test_the_nearest_point_of_the_edge_is_never_among_the_chords_left_out(
-    seed, corners, bend, away
-):
-    rng = np.random.default_rng(seed)
-    line = tangled(rng, corners, bend)
-    edge = road_edges.build(RoadEdges(0, line, line)).left
-    X, Y = (line[rng.integers(corners, size=50)] + away * rng.normal(size=(50, 2))).T
-    nearest = road_edges.closest(edge, X, Y)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(road_edges, '_candidates', lambda chords, X, Y: np.arange(len(chords.X)))
-        assert nearest.tolist() == road_edges.closest(edge, X, Y).tolist()
-
-
-def test_on_a_long_road_only_chords_near_the_plan_are_candidates():
-    x = np.arange(0.0, 5000.0, 5.0)
-    road = road_edges.build(RoadEdges(0, *(np.column_stack((x, 0 * x + y)) for y in (3.0, -3.0))))
-    X = np.linspace(2400.0, 2450.0, 51)
-    near = road_edges._candidates(road_edges.chords_of(road.left), X, 0 * X)
-    assert x[near[0]] < 2400.0
-    assert x[near[-1]] > 2450.0 - 5.0
-    assert len(near) < 25
-
-
-def test_on_a_circle_of_many_laps_only_chords_near_the_plan_are_candidates():
-    laps = np.arange(0.0, 8 * np.pi * R, 1.0) / R
-    line = np.column_stack((R * np.sin(laps), R - R * np.cos(laps)))
-    road = road_edges.build(RoadEdges(0, line, line))
-    X, Y = line[5:15].T
-    assert len(road_edges._candidates(road_edges.chords_of(road.left), X, Y)) < len(line) / 4
