@@ -8,7 +8,7 @@ from typing import NamedTuple
 from experiments.configuration import inputs
 from mpcc_controller import car_file
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.tick import TickInputs, TickRecord
+from mpcc_controller.driving.records import TickInputs, TickRecord
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import conversions, share
 from msgs_yaml.conversions import NS_PER_S

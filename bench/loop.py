@@ -28,7 +28,7 @@ from bags.evaluation import tick_timing
 from bags.storage import read
 from experiments import simulation
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.tick import TickInputs, TickRecord
+from mpcc_controller.driving.records import TickInputs, TickRecord
 from msgs_yaml import conversions
 from msgs_yaml.types import Obstacle, Obstacles, Reference, RoadEdges, VehicleState
 from scenario_publisher import scenario

@@ -139,15 +139,16 @@ def _controller_name(name_or_path):
     return name_or_path if shipped.is_file() else name
 
 
-def as_pairs(settings: Sequence[str], option: str = '--set ') -> Pairs:
-    """Return the settings of `NODE.parameter=value` texts. Raises BagError."""
+def as_pairs(settings: Sequence[str]) -> Pairs:
+    """Return the settings of `--set NODE.parameter=value` texts. Raises BagError."""
     pairs = []
-    for role, values in set_option.parse_overrides(settings, option).items():
+    for role, values in set_option.parse_overrides(settings).items():
         for name, value in values.items():
             full = f'{role}.{name}'
             if full in CHANGES:
-                check_scenario_setting(full, value, f'{option}{full}')
+                check_scenario_setting(full, value, f'--set {full}')
             pairs.append((full, tuple(value) if isinstance(value, list) else value))
+    split_settings(dict(pairs), '--set')
     return tuple(pairs)
 
 

@@ -14,7 +14,7 @@ from bags.storage.columns import Columns
 from experiments import plant_limit
 from experiments.configuration import inputs, node_config
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.tick import TickInputs
+from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.parameters import CarParams, ControllerParams
 from msgs_yaml import conversions
 from msgs_yaml.conversions import NS_PER_S

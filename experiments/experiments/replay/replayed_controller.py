@@ -9,7 +9,7 @@ from bags.errors import BagError, OlderRunWarning
 from experiments.replay.recorded_ticks import RecordedInputs, has_same_content
 from mpcc_controller import car_file, run_time_parameters
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.tick import TickInputs, unknown_state
+from mpcc_controller.driving.records import TickInputs, unknown_state
 from mpcc_controller.parameters import CarParams, ControllerParams
 from msgs_yaml import conversions, share
 from msgs_yaml.strict_yaml import closest

@@ -17,7 +17,7 @@ from experiments.configuration import inputs
 from experiments.simulation import Setup
 from experiments.survivable.road_coordinates import RoadCoordinates
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.tick import TickInputs
+from mpcc_controller.driving.records import TickInputs
 from msgs_yaml import conversions
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import Command, Obstacles

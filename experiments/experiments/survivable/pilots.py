@@ -14,7 +14,7 @@ from experiments.survivable.emergency import TICK_S, Emergency
 from experiments.survivable.road_coordinates import Path, reference_of
 from experiments.survivable.sides import Approach
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.tick import TickInputs
+from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import conversions
 from msgs_yaml.types import Command, Obstacles

@@ -30,7 +30,7 @@ from mpcc_controller.driving.gate import UNTIMELY
 from mpcc_controller.driving.internal_errors import INTERNAL_ERROR
 from mpcc_controller.driving.memory import Memory
 from mpcc_controller.driving.parts import Parts
-from mpcc_controller.driving.records import TickInputs, TickRecord, unknown_state
+from mpcc_controller.driving.records import TickInputs, TickRecord
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.driving.watchdog import STATE_STALE
 from mpcc_controller.model.single_track import Car
@@ -38,8 +38,6 @@ from mpcc_controller.problem import stage_parameters
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.conversions import NS_PER_S, add_seconds, ns_to_s
 from msgs_yaml.types import Command, VehicleState
-
-__all__ = ['TickInputs', 'TickRecord', 'brake_after_error', 'tick', 'unknown_state']
 
 MOST_RAMPS = 10  # kept after an error: those of the longest delay
 NOT_FINITE = 'state_not_finite'

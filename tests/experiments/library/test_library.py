@@ -70,6 +70,10 @@ def test_a_draw_is_written_as_a_scenario_file(tmp_path, difficulty):
         (['--family', 'slalom', '--controller', 'mpc', '--out', 'x'], "no controller 'mpc'"),
         (['--family', 'slalom', '--set', 'plant.nothing=1', '--out', 'x'], 'nothing'),
         (
+            ['--family', 'slalom', '--set', 'recorder.x=1', '--out', 'x'],
+            "--set: unknown name 'recorder.x'",
+        ),
+        (
             ['--family', 'slalom', '--set', 'scenario.speed_mps=20', '--out', 'x'],
             '--set scenario.speed_mps: families draw their own speeds',
         ),
