@@ -1,6 +1,7 @@
 """A controller, roads to drive on, and the prediction model itself as the car."""
 
 import dataclasses
+from functools import cache
 from typing import NamedTuple
 
 import casadi as ca
@@ -113,12 +114,24 @@ def rolling(v=20.0, stamp_ns=0, X=0.0, Y=0.0, psi=0.0, vy=0.0, r=0.0):
     return VehicleState(stamp_ns, X, Y, psi, v, vy, r)
 
 
+@cache
+def _motion(structure):
+    """Return (x, u, car) -> the state a tick later, by short Runge-Kutta 4 steps of the model."""
+    f, h = single_track.rates(structure), TICK_S / FINE_STEPS
+    x, u, car = f.sx_in()
+    end = x
+    for _ in range(FINE_STEPS):
+        k1 = f(end, u, car)
+        k2 = f(end + h / 2 * k1, u, car)
+        k3 = f(end + h / 2 * k2, u, car)
+        k4 = f(end + h * k3, u, car)
+        end += h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return ca.Function('motion', [x, u, car], [end])
+
+
 def make_car(car):
-    """Return the prediction model over one tick, integrated finely by Runge-Kutta 4."""
-    x, u = ca.SX.sym('x', len(State._fields)), ca.SX.sym('u', len(Input._fields))
-    rates = single_track.derivative(State(*ca.vertsplit(x)), Input(*ca.vertsplit(u)), car)
-    f = ca.Function('f', [x, u], [ca.vertcat(*rates)])
-    h = TICK_S / FINE_STEPS
+    """Return the prediction model over one tick, integrated finely: (state, command) -> state."""
+    motion = _motion(single_track.structure(car))
 
     def tick(x, command):
         x = State(*x)
@@ -129,14 +142,7 @@ def make_car(car):
             lambda_b=command.Fxf / force if force < 0 else 0.5,
             slack=0.0,
         )
-        u, x = ca.DM(u), ca.DM(x)
-        for _ in range(FINE_STEPS):
-            k1 = f(x, u)
-            k2 = f(x + h / 2 * k1, u)
-            k3 = f(x + h / 2 * k2, u)
-            k4 = f(x + h * k3, u)
-            x += h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        return State(*map(float, x.full().ravel()))
+        return State(*motion(x, u, car).full().ravel().tolist())
 
     return tick
 
@@ -271,5 +277,6 @@ class World:
     drive = staticmethod(drive)
     make_car = staticmethod(make_car)
     ModifiedSolver = ModifiedSolver
+    Clock = Clock
     ESTIMATE = ESTIMATE
     REST = REST

@@ -1,11 +1,11 @@
-"""Weights and limits that are changed between two steps."""
+"""Weights and limits that are changed between two steps, and the speeds at which a car stops."""
 
 import dataclasses
 
 import numpy as np
 import pytest
 
-from mpcc_controller import run_time_parameters
+from mpcc_controller import minimum_speed, run_time_parameters
 from mpcc_controller.driving.controller import Controller
 from node_runtime import parameters
 from node_runtime.parameters import ParameterError
@@ -29,25 +29,29 @@ def bits(run):
     return [np.array(command).tobytes() for command in run.commands]
 
 
+@pytest.fixture
+def controller(params, vehicle, world):
+    return world.set_inputs(Controller(params, vehicle), world.straight())
+
+
 @pytest.mark.parametrize('name', ['mpcc', 'frenet'])
 def test_a_changed_controller_drives_as_one_that_had_the_values_from_the_start(name, world):
     params, vehicle = world.load(name)
+    before = dataclasses.asdict(params)
     changes = CHANGES if name == 'mpcc' else {k: v for k, v in CHANGES.items() if 'lag' not in k}
     other = run_time_parameters.change(params, changes)
+    assert dataclasses.asdict(params) == before
     changed, new = Controller(params, vehicle), Controller(other, vehicle)
-    world.drive(world.set_inputs(changed, world.lane_change()), 3)  # uses what it was built with
+    situation = world.lane_change()
+    first = world.drive(world.set_inputs(changed, situation), 15)
     changed.check_change(other)
     changed.change(other, changes)
-    situation = world.lane_change()
-    runs = [world.drive(world.set_inputs(one, situation), 25) for one in (changed, new)]
-    assert bits(runs[0]) == bits(runs[1])
+    runs = [world.drive(world.set_inputs(each, situation), 15) for each in (changed, new)]
+    assert bits(runs[0]) == bits(runs[1]) != bits(first)
     assert changed.params == new.params
-    before = world.drive(world.set_inputs(Controller(params, vehicle), situation), 25)
-    assert bits(before) != bits(runs[0])
 
 
-def test_every_report_after_a_change_names_the_changed_values(params, vehicle, world):
-    controller = world.set_inputs(Controller(params, vehicle), world.straight())
+def test_every_report_after_a_change_names_the_changed_values(controller, params, world):
     _, _, why = world.tick(controller, world.rolling())
     assert run_time_parameters.reported(why.values) == {}
     changes = {'tolerances.lag_m': 0.7}
@@ -67,25 +71,16 @@ def test_the_names_are_the_numbers_of_weights_and_limits_that_have_a_value(param
 @pytest.mark.parametrize(
     ('changes', 'error'),
     [
-        ({'tolerances.lag_m': 0.0}, 'tolerances.lag_m: is 0.0; allowed 0.001'),
-        ({'tolerances.lag_m': float('nan')}, 'tolerances.lag_m: must be finite'),
-        ({'tolerances.lag_m': None}, 'tolerances.lag_m: must be a number, is None'),
+        ({'tolerances.lag_m': 0.0}, '^set: tolerances.lag_m: is 0.0; allowed 0.001'),
+        ({'tolerances.lag_m': float('nan')}, '^set: tolerances.lag_m: must be finite'),
+        ({'tolerances.lag_m': None}, '^set: tolerances.lag_m: must be a number, is None'),
         (
             {'limits.brake_front_share_min': 0.95},
-            'is 0.95, above limits.brake_front_share_max, 0.9',
+            '^set: .* is 0.95, above limits.brake_front_share_max, 0.9',
         ),
         ({'model.friction': 0.5}, 'model.friction: cannot be changed while .* allowed tolerances'),
         ({'tolerances.lateral_jerk_mps3': 5.0}, 'with a value at the start'),
-    ],
-)
-def test_a_value_that_is_not_allowed_is_refused_with_its_name_and_range(params, changes, error):
-    with pytest.raises(ParameterError, match=f'^set: .*{error}'):
-        run_time_parameters.change(params, changes)
-
-
-@pytest.mark.parametrize(
-    ('changes', 'error'),
-    [
+        # without effect, or below the present command
         ({'limits.brake_n': 9e4}, 'limits.brake_n: is 90000; allowed up to .* which the car can'),
         ({'tolerances.heading_rad': 0.1}, 'tolerances.heading_rad: has no effect, the term'),
         ({'limits.steer_rad': 0.25}, 'limits.steer_rad: is 0.25, and the present command is 0.3'),
@@ -94,10 +89,9 @@ def test_a_value_that_is_not_allowed_is_refused_with_its_name_and_range(params, 
         ({'limits.friction_use': 0.4}, 'limits.friction_use: is 0.4; allowed from 0.475'),
     ],
 )
-def test_a_change_without_effect_or_below_the_present_command_is_refused(
-    params, vehicle, world, changes, error
+def test_a_change_that_is_not_allowed_is_refused_with_its_name_and_range(
+    controller, params, changes, error
 ):
-    controller = world.set_inputs(Controller(params, vehicle), world.straight())
     controller.set_last_command(controller.last_command._replace(delta=0.3))
     with pytest.raises(ParameterError, match=error):
         controller.check_change(run_time_parameters.change(params, changes))
@@ -110,32 +104,30 @@ def test_a_limit_that_the_model_fixes_is_refused(vehicle, world):
         run_time_parameters.check_effect(asked, ('limits.least_speed_mps',), vehicle, ())
 
 
-def test_a_change_leaves_the_first_parameters_as_they_were(params):
-    before = dataclasses.asdict(params)
-    run_time_parameters.change(params, CHANGES)
-    assert dataclasses.asdict(params) == before
-
-
-def test_no_change_weakens_the_braking_without_a_plan_or_widens_its_limits_alone(
-    params, vehicle, world
-):
-    gentle = run_time_parameters.change(
-        params, {'limits.brake_n': 8500.0, 'limits.force_rate_nps': 20000.0}
-    )
-    stops = {}
-    for name, change in (('as started', params), ('gentle', gentle)):
-        controller = world.set_inputs(Controller(params, vehicle), world.straight())
+def test_no_change_weakens_the_braking_without_a_plan(params, controller, world):
+    gentle = {'limits.brake_n': 8500.0, 'limits.force_rate_nps': 20000.0}
+    stops = []
+    for changes in ({}, gentle):
+        change = run_time_parameters.change(params, changes)
+        world.set_inputs(controller, world.straight())
         controller.check_change(change)
         controller.change(change, {})
-        commands = [
-            world.tick(
-                controller,
-                world.rolling(X=20 + k, stamp_ns=k * 50_000_000),
-                fault='reference_stale',
-            )[0]
-            for k in range(20)
-        ]
+        for k in range(20):
+            x = world.rolling(X=20 + k, stamp_ns=k * 50_000_000)
+            stops.append(world.tick(controller, x, fault='reference_stale')[0])
         assert not controller.memory.rejections
-        stops[name] = commands
-    assert stops['gentle'] == stops['as started']
-    assert stops['gentle'][-1].Fxf + stops['gentle'][-1].Fxr < -14000.0
+    assert stops[:20] == stops[20:]
+    assert stops[-1].Fxf + stops[-1].Fxr < -14000.0
+
+
+@pytest.mark.parametrize(
+    ('low_speed', 'least', 'texts'),
+    [
+        (None, 7.0, ('slower than limits.least_speed_mps, 7 m/s', 'from 8 m/s')),
+        (True, -1.0, ('rolls back faster than 1 m/s',)),
+    ],
+)
+def test_the_speed_below_which_a_car_stops_is_told(world, low_speed, least, texts):
+    params = minimum_speed.with_low_speed(world.load(model__low_speed=low_speed)[0])
+    assert minimum_speed.least_driven(params.limits) == least
+    assert all(text in minimum_speed.stopping_text(params.limits) for text in texts)

@@ -1,7 +1,7 @@
 """Set-points against measured actuators: what counts as a fault, and what is sent then."""
 
 import itertools
-from typing import NamedTuple
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,36 +24,28 @@ from msgs_yaml.types import Actuators
 TICK, MS = 50_000_000, 1_000_000
 TICK_S, MS_S = 0.05, 1e-3
 REST = Setpoints(0.0, 0.0)
+AT_REST = [constant_ramp(REST, 0.6)]
 
 
-class Servo(NamedTuple):
-    """A second-order servo with the lag of the car file: 2 damping / frequency."""
-
-    lag_s: float
-    damping: float
-
-    def follow(self, set_points):
-        """Return positions every millisecond."""
-        w = 2 * self.damping / self.lag_s
-        x = rate = 0.0
-        positions = []
-        for u in set_points:
-            rate += MS_S * (w**2 * (u - x) - 2 * self.damping * w * rate)
-            x += MS_S * rate
-            positions.append(x)
-        return np.array(positions)
-
-
-def ramps_through(points):
-    """Return the ramps of set-points that are sent one per tick."""
-    ramps = [constant_ramp(REST, 0.6)]
-    for k, (begin, end) in enumerate(itertools.pairwise(points)):
-        ramps.append(SetpointRamp(k * TICK, begin, (k + 1) * TICK, end, 0.6))
-    return ramps
+def follow(set_points, lag_s, damping):
+    """Return positions of a second-order servo with a lag, 2 damping / frequency, every ms."""
+    w = 2 * damping / lag_s
+    x = rate = 0.0
+    positions = []
+    for u in set_points:
+        rate += MS_S * (w**2 * (u - x) - 2 * damping * w * rate)
+        x += MS_S * rate
+        positions.append(x)
+    return np.array(positions)
 
 
 def message(stamp_ns, delta=0.0, force=0.0):
     return Actuators(stamp_ns, delta, 0.0, 0.6 * force, 0.4 * force, (0.0,) * 4)
+
+
+@pytest.fixture
+def monitor(vehicle):
+    return Watch(vehicle)
 
 
 class Watch:
@@ -66,50 +58,41 @@ class Watch:
         self.state = self.monitor.update(self.state, *arguments)
         return self.state.check
 
-
-def watch(monitor, ramps, position_at, ticks):
-    """Return the check of each tick; `position_at(k)` is (angle, force)."""
-    return [
-        monitor.update(message(k * TICK, *position_at(k)), ramps[: k + 1], k * TICK)
-        for k in range(ticks)
-    ]
-
-
-@pytest.fixture
-def monitor(vehicle):
-    return Watch(vehicle)
+    def watch(self, position_at, ticks, ramps=AT_REST):
+        """Return the check of each tick; `position_at(k)` is (angle, force)."""
+        return [
+            self.update(message(k * TICK, *position_at(k)), ramps[: k + 1], k * TICK)
+            for k in range(ticks)
+        ]
 
 
 @pytest.mark.parametrize('delay_ms', [0, 60, 100])
-@pytest.mark.parametrize('damping', [0.7, 0.9, 2.0])
+@pytest.mark.parametrize('damping', [0.7, 2.0])
 def test_no_lag_and_no_short_delay_of_any_manoeuvre_is_a_fault(vehicle, delay_ms, damping):
     """Set-points at the greatest rates, with reversals, held and left again."""
-    rng = np.random.default_rng(7)
-    for _ in range(10):
+    rng, limits = np.random.default_rng(7), [0.47, 17e3]
+    for _ in range(5):
         directions = np.repeat(rng.integers(-1, 2, (20, 2)), rng.integers(1, 9, 20), axis=0)
-        moves = directions * [0.524 * TICK_S, 40e3 * TICK_S]
-        limits = [0.47, 17e3]
         points = [REST]
-        for move in moves:
+        for move in directions * [0.524 * TICK_S, 40e3 * TICK_S]:
             points.append(Setpoints(*np.clip(points[-1] + move, np.negative(limits), limits)))
+        ramps = [*AT_REST]
+        for k, (begin, end) in enumerate(itertools.pairwise(points)):
+            ramps.append(SetpointRamp(k * TICK, begin, (k + 1) * TICK, end, 0.6))
         t = np.arange(0, (len(points) - 1) * TICK_S, MS_S)
         knots = TICK_S * np.arange(len(points))
         lags = vehicle.actuators.steer_lag_s, vehicle.actuators.force_lag_s
-        angle, force = (
-            Servo(lag, damping).follow(np.interp(t - delay_ms * MS_S, knots, column))
+        at_ticks = np.transpose([
+            follow(np.interp(t - delay_ms * MS_S, knots, column), lag, damping)[::50]
             for lag, column in zip(lags, np.transpose(points))
-        )
-        monitor, ramps = Watch(vehicle), ramps_through(points)
-        at_ticks = list(zip(angle[::50], force[::50]))
-        checks = watch(monitor, ramps, at_ticks.__getitem__, len(at_ticks))
+        ])  # fmt: skip
+        checks = Watch(vehicle).watch(at_ticks.__getitem__, len(at_ticks), ramps)
         assert not any(check.faults for check in checks)
         assert max(abs(check.steer_error) for check in checks) < (0.3 + delay_ms / 60) * STEER_RAD
 
 
 def test_a_difference_is_a_fault_after_four_ticks_and_none_after_a_second(monitor):
-    ramps = [constant_ramp(REST, 0.6)]
-    off = range(10, 20)
-    checks = watch(monitor, ramps, lambda k: (0.03 if k in off else 0.0, -9.0), 60)
+    checks = monitor.watch(lambda k: (0.03 if 10 <= k < 20 else 0.0, -9.0), 60)
     faulty = [k for k, check in enumerate(checks) if check.faults == (STEER,)]
     assert faulty == [*range(13, 39)]
     assert checks[15].steer_error == pytest.approx(0.03)
@@ -117,92 +100,82 @@ def test_a_difference_is_a_fault_after_four_ticks_and_none_after_a_second(monito
 
 
 def test_three_ticks_are_not_enough(monitor):
-    ramps = [constant_ramp(REST, 0.6)]
-    checks = watch(monitor, ramps, lambda k: (0.0, -4000.0 if k % 5 < 3 else 0.0), 40)
+    checks = monitor.watch(lambda k: (0.0, -4000.0 if k % 5 < 3 else 0.0), 40)
     assert checks[1].force_error == -4000.0
     assert not any(check.faults for check in checks)
 
 
 def test_after_a_start_the_actuators_may_be_where_they_were(vehicle):
     """The set-points are cut to the limits; the brakes still come from an emergency stop."""
-    monitor = Watch(vehicle, message(0, 0.0, -22e3))
+    started = Watch(vehicle, message(0, 0.0, -22e3))
     ramps = [constant_ramp(Setpoints(0.0, -17e3), 0.6)]
-    checks = watch(monitor, ramps, lambda k: (0.0, -17e3 - 5e3 * 0.5**k), 10)
+    checks = started.watch(lambda k: (0.0, -17e3 - 5e3 * 0.5**k), 10, ramps)
     assert not any(check.faults for check in checks)
     assert checks[1].force_error == 0.0
 
 
-def test_a_topic_that_falls_silent_counts_as_one_that_nobody_publishes(monitor):
-    ramps = [constant_ramp(REST, 0.6)]
-    watch(monitor, ramps, lambda k: (0.1, 0.0), 8)
-    assert monitor.state.faults == (STEER,)
-    held = monitor.update(None, ramps, 8 * TICK)
-    assert (held.faults, held.age_s) == ((STEER,), None)
-    assert monitor.update(None, ramps, 11 * TICK) is None
-    assert monitor.state.faults == ()
-    assert monitor.update(message(8 * TICK, 0.1), ramps, 11 * TICK) is None, 'too old'
-
-
-def test_a_message_that_was_compared_already_counts_once(monitor):
-    ramps = [constant_ramp(REST, 0.6)]
+def test_messages_count_once_and_only_while_they_are_recent(monitor):
     for k in range(1, 8):
-        check = monitor.update(message(0, 0.1), ramps, 10 * k * MS)
+        check = monitor.update(message(0, 0.1), AT_REST, 10 * k * MS)
         assert check.age_s == pytest.approx(10 * k * MS_S)
     assert check.faults == ()
+    monitor.watch(lambda k: (0.1, 0.0), 8)
+    assert monitor.state.faults == (STEER,)
+    held = monitor.update(None, AT_REST, 8 * TICK)
+    assert (held.faults, held.age_s) == ((STEER,), None)
+    # a topic that falls silent counts as one that nobody publishes
+    assert monitor.update(None, AT_REST, 11 * TICK) is None
+    assert monitor.state.faults == ()
+    assert monitor.update(message(8 * TICK, 0.1), AT_REST, 11 * TICK) is None, 'too old'
 
 
-def started(monitor, angle, force=0.0):
-    """Return where a plan begins after a fault of the steering, or of the force."""
-    watch(monitor, [constant_ramp(REST, 0.6)], lambda k: (angle, force), 8)
-    return monitor.state.faults
+@pytest.fixture
+def plan(monitor, car, params):
+    """Return begin and target of plans after a fault of the steering, or of the force."""
+
+    def begin_with(fault, angle=0.0, force=0.0):
+        monitor.watch(lambda k: (angle, force), 8)
+        assert monitor.state.faults == (fault,)
+
+    def target(change, now):
+        """Return what is sent for a plan that changes the set-points (rad, N)."""
+        start = monitor.state.begin(now, params.limits)
+        wanted = SetpointTarget(start.delta + change[0], start.Fx + change[1], 0.6)
+        return monitor.state.target_from(wanted, start, now, car, params.limits, TICK_S)
+
+    def begin(now):
+        return monitor.state.begin(now, params.limits)
+
+    return SimpleNamespace(begin_with=begin_with, target=target, begin=begin)
 
 
-def test_the_set_points_change_as_the_plan_does(monitor, car, params):
-    """Of a steering that is off by an angle only this leads where the plan wants it."""
-    assert started(monitor, 0.05) == (STEER,)
-    start = monitor.state.begin(REST, params.limits)
-    assert start == (0.05, 0.0)
-    target = SetpointTarget(0.03, -500.0, 0.6)
-    sent = monitor.state.target_from(target, start, REST, car, params.limits, TICK_S)
-    assert sent == (pytest.approx(-0.02), -500.0, 0.6)
-
-
-def test_a_sticking_steering_is_not_asked_for_ever_more(monitor, car, params):
-    assert started(monitor, 0.05) == (STEER,)
+def test_a_steering_that_is_off_moves_as_planned_and_is_not_asked_for_ever_more(plan):
+    plan.begin_with(STEER, angle=0.05)
+    assert plan.begin(REST) == (0.05, 0.0)
+    assert plan.target((-0.02, -500.0), REST) == (pytest.approx(-0.02), -500.0, 0.6)
     now = REST
     for _ in range(20):
-        start = monitor.state.begin(now, params.limits)
-        target = SetpointTarget(start.delta - 0.02, now.Fx, 0.6)
-        sent = monitor.state.target_from(target, start, now, car, params.limits, TICK_S)
-        now = Setpoints(sent.delta, sent.Fx)
+        now = Setpoints(*plan.target((-0.02, 0.0), now)[:2])
     assert now.delta == pytest.approx(0.05 - LEAD_RAD)
 
 
-def test_weak_brakes_are_asked_for_more_but_not_beyond_the_friction(monitor, car, params):
-    assert started(monitor, 0.0, 3000.0) == (FORCE,)  # somebody drives while nobody asked for it
+def test_weak_brakes_are_asked_for_more_but_not_beyond_the_friction(plan, car, params):
+    plan.begin_with(FORCE, force=3000.0)  # somebody drives while nobody asked for it
     now = Setpoints(0.0, -8000.0)
-    start = monitor.state.begin(now, params.limits)
-    target = SetpointTarget(0.0, start.Fx - 1500.0, 0.6)
-    sent = monitor.state.target_from(target, start, now, car, params.limits, TICK_S)
-    assert sent.Fx == pytest.approx(-9500.0)
+    assert plan.target((0.0, -1500.0), now).Fx == pytest.approx(-9500.0)
     for _ in range(20):
-        target = SetpointTarget(0.0, start.Fx - 2000.0, 0.6)
-        sent = monitor.state.target_from(target, start, now, car, params.limits, TICK_S)
+        sent = plan.target((0.0, -2000.0), now)
         assert now.Fx - 2000.0 * 1.001 <= sent.Fx <= now.Fx + 20.0  # load transfer
         now = Setpoints(0.0, sent.Fx)
-    weight = 9.81 * car.m
-    limits = params.limits
+    weight, limits = 9.81 * car.m, params.limits
     assert -now.Fx <= limits.friction_use * max(car.mu_f, car.mu_r) * weight
     assert -now.Fx >= 0.98 * min(limits.brake_n, limits.friction_use * car.mu_f * weight)
 
 
-def test_a_driving_force_is_not_asked_for_beyond_the_plan(monitor, car, params):
+def test_a_driving_force_is_not_asked_for_beyond_the_plan(plan):
     """A driver brakes: the car does not drive against that."""
-    assert started(monitor, 0.0, -6000.0) == (FORCE,)
-    start = monitor.state.begin(REST, params.limits)
-    target = SetpointTarget(0.0, -4000.0, 0.6)
-    sent = monitor.state.target_from(target, start, REST, car, params.limits, TICK_S)
-    assert sent.Fx == 0.0
+    plan.begin_with(FORCE, force=-6000.0)
+    assert plan.target((0.0, 2000.0), REST).Fx == 0.0
 
 
 def test_the_report_tells_the_error_and_the_fault_and_the_plan_begins_there(controller, world):
@@ -229,13 +202,11 @@ def test_without_a_fault_a_controller_that_compares_answers_as_one_that_does_not
     answers = []
     for compares in (True, False):
         world.set_inputs(controller, world.lane_change())
-        commands = []
-        for k in range(1, 8):
+        for k in range(1, 6):
             now = controller.active_ramp.end
             measured = message(k * TICK, now.delta, now.Fx) if compares else None
             x = world.rolling(X=20.0 + k, stamp_ns=k * TICK)
             record = controller.step(TickInputs(x, actuators=measured))
             assert (record.actuators is not None) == compares
-            commands.append(record.command)
-        answers.append(commands)
-    assert answers[0] == answers[1]
+            answers.append(record.command)
+    assert answers[:5] == answers[5:]

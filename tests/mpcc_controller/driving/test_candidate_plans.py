@@ -1,21 +1,137 @@
-"""Several plans per tick in the closed loop: threads, failures, memory, reports."""
+"""Several plans per tick: which is driven, which are kept, and what time and failures cost."""
 
+import dataclasses
+import threading
+import time
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from mpcc_controller.driving import choose, planner
-from mpcc_controller.driving.choose import Candidacy, Candidate, Choice, Outcome, few_new
+from mpcc_controller.driving import choose, path_progress, planner
+from mpcc_controller.driving.choose import BRAKE, Candidacy, Candidate, Choice, Outcome
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.fallback import BRAKING
-from mpcc_controller.driving.ways import LEFT, RIGHT
+from mpcc_controller.driving.fallback import BRAKING, SHIFTED
+from mpcc_controller.driving.path_progress import Progress
+from mpcc_controller.driving.ways import BEHIND, LEFT, RIGHT
 from mpcc_controller.model.single_track import State
 from msgs_yaml.types import Obstacle, Obstacles
 from stage_solver.solution import FAILED, SOLVED, Solution
 from stage_solver.stage_problem import Plan
 
+TICK = 50_000_000
+PLAN = Plan(np.zeros((3, 9)), np.zeros((2, 4)))
+
+
+def outcome(cost, side=LEFT, rejection='', gap=0.3, **values):
+    solution = Solution(PLAN._replace(), cost, SOLVED, '', 5, 0.0, 0.0, 0.0)
+    values = {'off_road': 0.0} | values
+    return Outcome('name', None, solution, rejection, {1: side}, gap, **values)
+
+
+@pytest.fixture(scope='module')
+def rules(params):
+    """Return switch_share 0.02, hold_share and path_share 0.1 of the file, and a short hold."""
+    return dataclasses.replace(params.candidates, hold_ticks=3)
+
+
+FAILS = outcome(1.0, RIGHT, 'plan_not_feasible')
+TOUCHES, LEAVES = outcome(1.0, RIGHT, gap=-0.05), outcome(1.0, RIGHT, off_road=0.2)
+FAST, SLOW = (outcome(cost, gap=-1.0, contact_speed=v) for cost, v in ((10.0, 15.0), (1e4, 7.0)))
+
+
+@pytest.mark.parametrize('hold', [0, 3])
+@pytest.mark.parametrize(
+    ('outcomes', 'path', 'chosen'),
+    [
+        # the cheapest one, with what it costs to regain the speed
+        ([outcome(100.0, BEHIND, later=20.0), outcome(80.0, later=5.0)], {}, 1),
+        ([outcome(100.0), outcome(70.0), outcome(60.0, RIGHT)], {}, 2),
+        # a useless followed plan is left at once, whatever the other one costs
+        *(([useless, outcome(1e4)], {}, 1) for useless in (FAILS, TOUCHES, LEAVES)),
+        *(([outcome(1e4), useless], {}, 0) for useless in (FAILS, TOUCHES, LEAVES)),
+        ([outcome(1.0, rejection='solver_failed'), outcome(1e4, gap=-0.5)], {}, 1),
+        ([outcome(cost, gap=-0.1) for cost in (50.0, 20.0, 30.0)], {}, 1),
+        ([outcome(np.nan, rejection='solver_failed')] * 2, {}, 0),
+        # a millimetre of overlap does not bypass the hysteresis
+        *(([outcome(100.0, gap=gap), outcome(99.0, RIGHT, gap=0.001)], {}, 0)
+          for gap in (0.001, -0.001, -0.015)),
+        ([outcome(99.0, RIGHT, gap=0.001), outcome(100.0, gap=-0.015)], {}, 0),
+        # the side of the coarse path wins unless the other is cheaper by more
+        ([outcome(100.0), outcome(95.0, RIGHT)], {1: LEFT}, 0),
+        ([outcome(100.0), outcome(70.0, RIGHT)], {1: LEFT}, 1),
+        # of plans that run into an obstacle the slower one; a small difference does not decide
+        ([FAST, SLOW], {}, 1),
+        ([SLOW, FAST], {}, 0),
+        ([FAST, outcome(5.0, gap=-1.0, contact_speed=15.5)], {}, 1),
+    ],
+)  # fmt: skip
+def test_which_plan_is_driven(rules, hold, outcomes, path, chosen):
+    choice, _ = choose.choose(outcomes, path, hold, rules)
+    assert choice.chosen == chosen
+    assert choice.outcome is outcomes[chosen]
+
+
+def test_another_plan_must_be_cheaper_by_a_share_that_is_larger_after_a_switch(rules):
+    followed, better, hold = outcome(100.0), outcome(90.0, RIGHT), 0
+    for cost, chosen in ((98.1, 0), (97.9, 1)):
+        assert choose.choose([followed, outcome(cost)], {}, 0, rules)[0].chosen == chosen
+    dear = outcome(95.0, RIGHT)  # 104.5 against the path
+    assert choose.choose([dear, followed], {1: LEFT}, 0, rules)[0].chosen == 1
+    switches = []
+    for _ in range(5):
+        choice, hold = choose.choose([followed, better], {}, hold, rules)
+        switches.append(choice.switched)
+    assert switches == [True, False, False, True, False]
+    # on the same side, or behind an obstacle before, it is none
+    for before in (LEFT, BEHIND):
+        choice, hold = choose.choose([outcome(100.0, before), outcome(50.0)], {}, 0, rules)
+        assert (choice.switched, hold) == (False, 0)
+
+
+# what is kept for the next tick
+
+
+def test_of_two_plans_of_a_way_the_cheaper_one_in_the_end_is_kept_once(rules):
+    outcomes = [outcome(80.0), outcome(90.0, RIGHT, later=30.0), outcome(100.0, RIGHT, later=5.0)]
+    known = choose.keep(Candidacy(), Choice(tuple(outcomes), 0, False), rules)
+    (kept,) = known.kept
+    assert kept.plan is outcomes[2].solution.plan
+    # what is explored after the command is kept where there is no plan of its way
+    after = choose.keep_new_ways(known, outcomes[0], [outcome(5.0), outcome(8.0, RIGHT)], rules)
+    assert after.kept == (kept,)
+
+
+def test_what_is_remembered_of_useless_guesses_does_not_grow_without_bound(rules):
+    known, driven = Candidacy(), outcome(9.0)
+    for key in range(1000):
+        useless = outcome(10.0)._replace(name=f'left of {key}')
+        for _ in range(3):
+            known = choose.keep_new_ways(known, driven, [useless], rules)
+    assert len(known.waits) <= 64
+    assert known.waits['left of 999'] == (4 * rules.retry_ticks, 3)
+
+
+def test_of_new_guesses_two_are_solved_in_a_tick_and_the_braking_one_first():
+    new, old = (PLAN._replace(multipliers=m) for m in (None, object()))
+    ways = [Candidate(f'left of {key}', new) for key in range(3)]
+    kept, brake = Candidate('right of 1', old), Candidate('brake', new)
+    assert choose.few_new([ways[0], kept, ways[1], ways[2]]) == [ways[0], kept, ways[1]]
+    assert choose.few_new([ways[0], kept, ways[1], brake]) == [ways[0], kept, brake]
+    assert choose.few_new([kept, brake]) == [kept, brake]
+
+
+# in the controller
+
+
 POP_UP = Obstacle(1, 27.0, 0.3, 1.0, 0.0, 0.0)
+BESIDE = Obstacle(1, 40.0, 2.3, 1.0, 0.0, 0.0)  # the path passes it, inside the safety distance
+FAR = Obstacle(2, 500.0, 30.0, 1.0, 0.0, 0.0)
+
+
+def wall(X, count=4, begin=-1.4):
+    """Return discs from edge to edge."""
+    return [Obstacle(i, X, begin + 2.1 * i, 1.1, 0.0, 0.0) for i in range(count)]
 
 
 @pytest.fixture(scope='module')
@@ -24,33 +140,38 @@ def several(world):
     return Controller(*world.load(candidates__most=4))
 
 
+@pytest.fixture(scope='module')
+def exploring(world):
+    return Controller(*world.load(candidates__most=4, candidates__explore_after_command=True))
+
+
 @pytest.fixture
 def controller(several, world):
     return world.set_inputs(several, world.straight(left=6.0, right=-2.5))
+
+
+@pytest.fixture
+def explorer(exploring, world):
+    """Return a controller that drives at 20 m/s and explores after its commands."""
+    world.set_inputs(exploring, world.straight(left=6.0, right=-2.5))
+    exploring.set_last_command(exploring.last_command._replace(stamp_ns=0))
+    pop_up(exploring, FAR)
+    roll(exploring, world, 3)
+    return exploring
 
 
 def pop_up(controller, *obstacles):
     controller.set_obstacles(Obstacles(0, obstacles or (POP_UP,)))
 
 
-@pytest.fixture(scope='module')
-def exploring(world):
-    return Controller(*world.load(candidates__most=4, candidates__explore_after_command=True))
-
-
-FAR = Obstacle(2, 500.0, 30.0, 1.0, 0.0, 0.0)
-BESIDE = Obstacle(1, 40.0, 2.3, 1.0, 0.0, 0.0)  # the path passes it, inside the safety distance
-
-
-def roll(controller, world, ticks, prepares=True):
+def roll(controller, world, ticks):
     """Drive straight on for some ticks; return the reports."""
     whys = []
     for _ in range(ticks):
-        stamp_ns = controller.last_command.stamp_ns + 50_000_000
+        stamp_ns = controller.last_command.stamp_ns + TICK
         x = world.rolling(stamp_ns=stamp_ns, X=20.0 * stamp_ns / 1e9)
         whys.append(world.tick(controller, x)[2])
-        if prepares:
-            controller.prepare()
+        controller.prepare()
     return whys
 
 
@@ -63,54 +184,39 @@ def test_without_danger_there_is_one_plan_and_the_commands_of_one_plan(
     controller, shared_controller, world
 ):
     world.set_inputs(shared_controller, world.straight(left=6.0, right=-2.5))
-    one, many = (world.drive(c, 10) for c in (shared_controller, controller))
+    one, many = (world.drive(c, 6) for c in (shared_controller, controller))
     assert one.commands == many.commands
     assert not any(names(why) for why in many.whys)
 
 
-def test_at_a_pop_up_every_side_with_room_and_braking_are_compared(controller, world):
+def test_at_a_pop_up_every_side_with_room_and_braking_are_compared_and_reported(controller, world):
     world.drive(controller, 3)
     pop_up(controller)
-    _, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
-    assert names(why) == ['followed', 'left of 1', 'brake']  # on the right there is no room
-    chosen = why.values['candidates.chosen']
-    costs = [why.values[f'candidates.{i}.cost'] for i in range(3)]
-    assert why.values['solver.cost'] == costs[chosen]
-    assert why.values['cost.total'] == pytest.approx(costs[chosen], rel=1e-4)
-    assert why.values['time.solve_cpu_ms'] >= max(
-        why.values[f'candidates.{i}.cpu_ms'] for i in range(3)
-    )
-
-
-def test_the_line_of_the_chosen_candidate_is_the_prediction(controller, world):
-    pop_up(controller)
     _, prediction, why = world.tick(controller, world.rolling(stamp_ns=10**9))
-    line = why.values[f'candidates.{why.values["candidates.chosen"]}.line']
+    assert names(why) == ['followed', 'left of 1', 'brake']  # on the right there is no room
+    values, chosen = why.values, why.values['candidates.chosen']
+    assert values['solver.cost'] == values[f'candidates.{chosen}.cost']
+    assert values['cost.total'] == pytest.approx(values['solver.cost'], rel=1e-4)
+    assert values['time.solve_cpu_ms'] >= max(values[f'candidates.{i}.cpu_ms'] for i in range(3))
+    line = values[f'candidates.{chosen}.line']
     points = np.array([pair.split(',') for pair in line.split()], float)
     planned = np.column_stack([prediction.X, prediction.Y])[::5]
     assert points == pytest.approx(planned, abs=0.0051)
 
 
-def test_the_number_of_threads_does_not_change_a_bit(controller, world, monkeypatch):
+def test_the_number_of_threads_does_not_change_a_bit_and_kept_plans_converge_sooner(
+    controller, world, monkeypatch
+):
     def run():
         world.set_inputs(controller, world.straight(left=6.0, right=-2.5))
         pop_up(controller)
-        return world.drive(controller, 25)
+        return world.drive(controller, 12)
 
-    assert len(controller.parts.solvers.parallel.solvers) >= 1
-    parallel = run()
-    solves = controller.parts.solvers.parallel
+    parallel, solves = run(), controller.parts.solvers.parallel
     monkeypatch.setattr(solves, 'solvers', solves.solvers[:1])
-    alone = run()
-    assert parallel.commands == alone.commands
-    assert any(names(why) for why in parallel.whys)
-
-
-def test_a_kept_plan_converges_in_fewer_iterations_than_its_first_guess(controller, world):
-    pop_up(controller)
-    whys = world.drive(controller, 8).whys
+    assert parallel.commands == run().commands
     iterations = {}
-    for why in whys:
+    for why in parallel.whys[:8]:
         for number, name in enumerate(names(why)):
             iterations.setdefault(name, []).append(why.values[f'candidates.{number}.iterations'])
     kept = {name: counts for name, counts in iterations.items() if len(counts) > 1}
@@ -119,131 +225,74 @@ def test_a_kept_plan_converges_in_fewer_iterations_than_its_first_guess(controll
         assert np.median(counts[1:]) < counts[0], name
 
 
-def test_when_the_followed_plan_fails_another_candidate_is_driven(controller, world, monkeypatch):
-    world.drive(controller, 3)
-    pop_up(controller)
-    fail = world.ModifiedSolver(
-        controller.parts.solvers.first, lambda s: s._replace(status=FAILED, cost=np.nan)
-    )
-    monkeypatch.setattr(controller.parts.solvers, 'first', fail)
-    _, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
-    assert why.values['rung'] == SOLVED
-    assert why.values['candidates.chosen'] > 0
-    assert why.values['candidates.0.status'] == 'solver_failed'
+def explode(solution):
+    raise RuntimeError('no memory')
 
 
-def test_when_all_candidates_fail_the_last_plan_goes_on(controller, world, monkeypatch):
-    world.drive(controller, 3)
-    pop_up(controller, Obstacle(1, 40.0, 2.2, 1.0, 0.0, 0.0))  # near, but beside the path
-
-    def failing(solver):
-        return world.ModifiedSolver(solver, lambda s: s._replace(status=FAILED, cost=np.nan))
-
-    solvers = controller.parts.solvers
-    monkeypatch.setattr(solvers, 'first', failing(solvers.first))
-    others = [failing(solver) for solver in solvers.parallel.solvers]
-    monkeypatch.setattr(solvers.parallel, 'solvers', others)
-    _, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
-    assert why.values['rung'] == 'shifted'
+def fail(solution):
+    return solution._replace(status=FAILED, cost=np.nan)
 
 
-def test_a_solver_that_raises_in_a_thread_is_a_candidate_that_failed(
-    controller, world, monkeypatch
+@pytest.mark.parametrize(
+    ('obstacles', 'first', 'others', 'decision'),
+    [
+        ([POP_UP], fail, None, (SOLVED, 'converged')),  # another candidate is driven
+        ([POP_UP], None, explode, (BRAKING, 'plan_touches')),  # in a thread
+        ([Obstacle(1, 40.0, 2.2, 1.0, 0.0, 0.0)], fail, fail, (SHIFTED, 'solver_failed')),
+        (wall(30.0), fail, fail, (BRAKING, 'plan_touches')),  # the last plan touches
+    ],
+)
+def test_what_is_driven_when_solvers_fail(
+    controller, world, monkeypatch, obstacles, first, others, decision
 ):
     world.drive(controller, 3)
-    pop_up(controller)
-
-    def explode(solution):
-        raise RuntimeError('no memory')
-
-    solvers = controller.parts.solvers
-    others = [world.ModifiedSolver(solver, explode) for solver in solvers.parallel.solvers]
-    monkeypatch.setattr(solvers.parallel, 'solvers', others)
-    _, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
-    assert why.values['candidates.0.status'] == SOLVED
-    assert why.values['candidates.chosen'] == 0
-    assert why.values['candidates.1.status'] == 'solver_failed'
-
-
-def test_braking_forgets_the_plans_that_were_kept(controller, world):
-    pop_up(controller)
-    world.drive(controller, 3)
-    assert controller.memory.candidacy.kept
-    memory, decision = planner.brake(controller.memory, 'test')
-    assert decision.level == BRAKING
-    assert memory.candidacy == Candidacy()
+    pop_up(controller, *obstacles)
+    solvers, kept = controller.parts.solvers, lambda solution: solution
+    own = world.ModifiedSolver(solvers.first, first or kept)
+    monkeypatch.setattr(solvers, 'first', own)
+    modified = [world.ModifiedSolver(s, others or kept) for s in solvers.parallel.solvers]
+    monkeypatch.setattr(solvers.parallel, 'solvers', modified)
+    command, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
+    values = why.values
+    assert (values['rung'], values['reason']) == decision
+    assert values['candidates.0.status'] == ('solver_failed' if first else SOLVED)
+    if others:
+        assert values['candidates.1.status'] == 'solver_failed'
+    assert (values['candidates.chosen'] > 0) == (decision[0] == SOLVED)
+    if decision[0] == BRAKING:
+        assert command.Fxf + command.Fxr < -1000.0
 
 
-def test_an_oncoming_car_is_passed_that_one_plan_brakes_for(controller, shared_controller, world):
-    x = State(0.0, 0.0, 0.0, 17.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-    def least_gap_and_speed(chosen):
-        world.set_inputs(chosen, world.straight(v=17.0, left=6.0, right=-2.5))
-        chosen.set_obstacles(Obstacles(0, (Obstacle(1, 100.0, 0.66, 1.0, -15.0, 0.0),)))
-        states = world.drive(chosen, 105, x).states
-        t = 0.05 * np.arange(len(states.X))
-        return np.min(np.hypot(states.X - (100 - 15 * t), states.Y - 0.66)) - 2.1, states.vx.min()
-
-    one, many = least_gap_and_speed(shared_controller), least_gap_and_speed(controller)
-    assert one[0] < 0.0
-    assert many[0] > 0.2
+def test_an_oncoming_car_is_passed(controller, world):
+    world.set_inputs(controller, world.straight(v=17.0, left=6.0, right=-2.5))
+    pop_up(controller, Obstacle(1, 100.0, 0.66, 1.0, -15.0, 0.0))
+    x = world.drive(controller, 80, State(0.0, 0.0, 0.0, 17.0, 0.0, 0.0, 0.0, 0.0, 0.0)).states
+    t = 0.05 * np.arange(len(x.X))
+    gap = np.hypot(x.X - (100 - 15 * t), x.Y - 0.66) - 2.1
+    assert gap[-1] > 10.0
+    assert gap.min() > 0.2
 
 
 def test_a_car_brakes_to_a_stop_where_every_plan_leads_through_the_obstacles(controller, world):
     """A plan drives at least 7 m/s: before a closed road it leads into the barrier."""
-    wall = [Obstacle(key, 40.0, y, 1.1, 0.0, 0.0) for key, y in enumerate((-2.0, 0.2, 2.4, 4.6), 1)]
-    x = State(0.0, 0.0, 0.0, 15.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    barrier = wall(40.0, begin=-2.0)
     world.set_inputs(controller, world.straight(v=15.0, left=6.0, right=-2.5))
-    pop_up(controller, *wall)
-    run = world.drive(controller, 70, x)
-    nearest = min(np.min(np.hypot(run.states.X - o.X, run.states.Y - o.Y)) for o in wall) - 2.2
+    pop_up(controller, *barrier)
+    run = world.drive(controller, 70, State(0.0, 0.0, 0.0, 15.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    nearest = min(np.min(np.hypot(run.states.X - o.X, run.states.Y - o.Y)) for o in barrier) - 2.2
     assert nearest > 0.0
     assert run.states.vx[-1] < 2.0
     assert 'plan_touches' in {why.values['reason'] for why in run.whys}
 
 
-def test_a_car_before_a_closed_road_brakes_and_does_not_drive_on_through_it(world):
-    """Four discs from edge to edge, so near that the circles touch however hard the car brakes."""
-    controller = world.set_inputs(
-        Controller(*world.load(candidates__most=4)), world.straight(left=6.0, right=-2.5)
-    )
-    wall = [Obstacle(i, 24.0, y, 1.1, 0.0, 0.0) for i, y in enumerate((-1.4, 0.7, 2.8, 4.9))]
-    pop_up(controller, *wall)
+def test_a_car_too_near_to_a_closed_road_brakes_and_does_not_drive_on_through_it(controller, world):
+    """The circles touch however hard the car brakes."""
+    pop_up(controller, *wall(24.0))
     drive = world.drive(controller, 15)
     assert all(why.values['reason'] == 'plan_touches' for why in drive.whys)
     forces = [command.Fxf + command.Fxr for command in drive.commands]
     assert all(later <= earlier for earlier, later in pairwise(forces))
     assert forces[-1] < -12e3
-
-
-def test_the_last_plan_is_not_driven_where_it_touches(world):
-    """The wall closes the road, and all solvers fail."""
-    controller = world.set_inputs(
-        Controller(*world.load(candidates__most=4)), world.straight(left=6.0, right=-2.5)
-    )
-    world.drive(controller, 3)
-    wall = [Obstacle(i, 30.0, y, 1.1, 0.0, 0.0) for i, y in enumerate((-1.4, 0.7, 2.8, 4.9))]
-    pop_up(controller, *wall)
-
-    def failing(solver):
-        return world.ModifiedSolver(solver, lambda s: s._replace(status=FAILED, cost=np.nan))
-
-    solvers = controller.parts.solvers
-    solvers.first = failing(solvers.first)
-    solvers.parallel.solvers = [failing(solver) for solver in solvers.parallel.solvers]
-    command, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
-    assert (why.values['rung'], why.values['reason']) == (BRAKING, 'plan_touches')
-    assert command.Fxf + command.Fxr < -1000.0
-
-
-def test_what_is_remembered_of_useless_guesses_does_not_grow_without_bound(several):
-    rules, known, driven = several.params.candidates, Candidacy(), outcome_of(LEFT, 9.0)
-    for key in range(1000):
-        useless = outcome_of(LEFT, 10.0)._replace(name=f'left of {key}')
-        for _ in range(3):
-            known = choose.keep_new_ways(known, driven, [useless], rules)
-    assert len(known.waits) <= 64
-    assert known.waits['left of 999'] == (4 * rules.retry_ticks, 3)
 
 
 def watch_proposals(monkeypatch, note):
@@ -269,7 +318,7 @@ def test_a_dear_plan_rests_and_is_solved_again_with_its_multipliers(controller, 
         for candidate in proposed:
             if candidate.name in before:
                 assert not before[candidate.name].rests
-                assert candidate.guess.multipliers is not None
+                assert not candidate.is_new
                 solved.append(candidate.name)
         rested.extend(after.kept)
 
@@ -278,95 +327,170 @@ def test_a_dear_plan_rests_and_is_solved_again_with_its_multipliers(controller, 
     assert len(rested) > len(solved) > 0
 
 
-def test_of_two_plans_of_one_way_the_one_that_is_cheaper_in_the_end_is_kept(several):
-    outcomes = [
-        outcome_of(side, cost)._replace(later=later)
-        for side, cost, later in ((LEFT, 80.0, 0.0), (RIGHT, 90.0, 30.0), (RIGHT, 100.0, 5.0))
-    ]
-    choice = Choice(tuple(outcomes), 0, False)
-    (kept,) = choose.keep(Candidacy(), choice, several.params.candidates).kept
-    assert kept.plan is outcomes[2].solution.plan
-
-
-def test_of_new_guesses_two_are_solved_in_a_tick_and_the_braking_one_first():
-    new, old = (Plan(np.zeros((3, 9)), np.zeros((2, 4)), m) for m in (None, object()))
-    ways = [Candidate(f'left of {key}', new) for key in range(3)]
-    kept, brake = Candidate('right of 1', old), Candidate('brake', new)
-    assert few_new([ways[0], kept, ways[1], ways[2]]) == [ways[0], kept, ways[1]]
-    assert few_new([ways[0], kept, ways[1], brake]) == [ways[0], kept, brake]
-    assert few_new([kept, brake]) == [kept, brake]
-
-
-def explorer_at_20_mps(exploring, world):
-    controller = world.set_inputs(exploring, world.straight(left=6.0, right=-2.5))
-    controller.set_last_command(controller.last_command._replace(stamp_ns=0))
-    pop_up(controller, FAR)
-    roll(controller, world, 3)
-    return controller
-
-
 def test_after_the_first_tick_new_guesses_are_solved_after_the_command(
-    exploring, world, monkeypatch
+    explorer, world, monkeypatch
 ):
     """An obstacle in the lane is compared at once; later ticks compare solved plans only."""
-    controller = explorer_at_20_mps(exploring, world)
-    pop_up(controller, Obstacle(1, 40.0, 1.0, 1.0, 0.0, 0.0), FAR)
+    pop_up(explorer, POP_UP, FAR)
+    (why,) = roll(explorer, world, 1)
+    assert names(why) == ['followed', 'left of 1', 'brake']
     explored, compared = [], []
-    roll(controller, world, 1)
 
     def note(known, after, around, proposed):
         compared.extend(not candidate.is_new for candidate in proposed)
         explored.extend(candidate.name for candidate in after.postponed)
 
+    pop_up(explorer, Obstacle(1, 40.0, 1.0, 1.0, 0.0, 0.0), FAR)
+    roll(explorer, world, 1)
     watch_proposals(monkeypatch, note)
-    roll(controller, world, 8)
+    roll(explorer, world, 8)
     assert compared
     assert all(compared)
     assert 'brake' in explored
-    assert controller.memory.candidacy.kept
+    assert explorer.memory.candidacy.kept
 
 
-def outcome_of(side, cost):
-    plan = Plan(np.zeros((3, 9)), np.zeros((2, 4)), None)
-    solution = Solution(plan, cost, SOLVED, '', 5, 0.0, 0.0, 0.0)
-    return Outcome('way', None, solution, '', {1: side}, 0.3, 0.0)
+def test_braking_drops_kept_plans_and_guesses_that_were_put_off(explorer, world):
+    pop_up(explorer, BESIDE, FAR)
+    stamp_ns = explorer.last_command.stamp_ns + TICK
+    world.tick(explorer, world.rolling(stamp_ns=stamp_ns, X=20.0 * stamp_ns / 1e9))
+    assert explorer.memory.candidacy.postponed
+    braked, decision = planner.brake(explorer.memory, 'test')
+    assert decision.level == BRAKING
+    assert braked.candidacy == Candidacy()
+    assert planner.explore(braked, explorer.parts) is braked
 
 
-def test_of_what_was_explored_ways_without_a_plan_are_kept(exploring):
-    rules = exploring.params.candidates
-    driven, same, other = outcome_of(LEFT, 9.0), outcome_of(LEFT, 5.0), outcome_of(RIGHT, 10.0)
-    known = choose.keep_new_ways(Candidacy(), driven, [same, other], rules)
-    (kept,) = known.kept
-    assert kept.plan is other.solution.plan
-    # there is one of this way already
-    assert choose.keep_new_ways(known, driven, [outcome_of(RIGHT, 8.0)], rules).kept == (kept,)
-
-
-def test_guesses_that_were_put_off_are_dropped_with_their_tick(exploring, world):
-    controller = explorer_at_20_mps(exploring, world)
-    pop_up(controller, BESIDE, FAR)
-    roll(controller, world, 1, prepares=False)
-    braked, _ = planner.brake(controller.memory, 'test')
-    assert planner.explore(braked, controller.parts) is braked
-
-
-def test_a_tick_whose_followed_plan_touches_does_not_wait(exploring, world):
-    controller = explorer_at_20_mps(exploring, world)
-    pop_up(controller, POP_UP, FAR)
-    (why,) = roll(controller, world, 1)
-    assert names(why) == ['followed', 'left of 1', 'brake']
-
-
-def test_a_solver_that_fails_after_the_command_costs_the_guess_only(exploring, world, monkeypatch):
-    controller = explorer_at_20_mps(exploring, world)
-    pop_up(controller, BESIDE, FAR)
-    solvers = controller.parts.solvers
-
-    def explode(solution):
-        raise RuntimeError('no memory')
-
-    solves = solvers.parallel
+def test_a_solver_that_fails_after_the_command_costs_the_guess_only(explorer, world, monkeypatch):
+    pop_up(explorer, BESIDE, FAR)
+    solves = explorer.parts.solvers.parallel
     failing = [world.ModifiedSolver(solver, explode) for solver in solves.solvers]
     monkeypatch.setattr(solves, 'solvers', failing)
-    assert [why.values['rung'] for why in roll(controller, world, 2)] == [SOLVED, SOLVED]
-    assert controller.memory.candidacy.kept == ()
+    assert [why.values['rung'] for why in roll(explorer, world, 2)] == [SOLVED, SOLVED]
+    assert explorer.memory.candidacy.kept == ()
+
+
+# the time of a tick on the wall clock: guesses and candidates are paid for by the solvers
+
+LIMIT_S = 0.02
+PATIENCE_S = 10.0  # for other candidates, of real time: the machine may be busy
+
+
+class TimedSolver:
+    """A solver that notes the time limit of each solve."""
+
+    def __init__(self, inner):
+        self.inner, self.limit_s, self.limits_s = inner, None, []
+
+    def set_time_limit(self, seconds):
+        self.limit_s = seconds
+        self.inner.set_time_limit(10.0)  # the machine may be busy
+
+    def solve(self, *arguments):
+        self.limits_s.append(self.limit_s)
+        return self.inner.solve(*arguments)
+
+
+class HangingSolver:
+    """A solver that does not return until it is released."""
+
+    def __init__(self):
+        self.begun, self.release = threading.Event(), threading.Event()
+
+    def set_time_limit(self, seconds):
+        pass
+
+    def solve(self, *arguments):
+        self.begun.set()
+        self.release.wait(60.0)
+
+
+@pytest.fixture
+def timed(world):
+    """Return a controller in realtime before an obstacle that appears, with timed solvers.
+
+    Its clock stands but for what `delay(function, seconds)` takes.
+    """
+    settings = world.load(
+        candidates__most=4, fallback__recovery=True, solver__time_limit_s=LIMIT_S,
+        solver__patience_s=PATIENCE_S, surroundings__max_obstacles=4,
+    )  # fmt: skip
+    controller = Controller(*settings, True, world.Clock())
+    solvers = controller.parts.solvers
+    solvers.first, solvers.sliding = TimedSolver(solvers.first), TimedSolver(solvers.sliding)
+    solvers.parallel.solvers = [TimedSolver(solver) for solver in solvers.parallel.solvers]
+    world.set_inputs(controller, world.straight(left=6.0, right=-2.5))
+    pop_up(controller)
+    return controller
+
+
+def delay(controller, function, takes_s):
+    """Return a function that takes time on the clock of a controller."""
+
+    def delayed(*arguments, **named):
+        controller.parts.clock.now += takes_s
+        return function(*arguments, **named)
+
+    return delayed
+
+
+@pytest.mark.parametrize(
+    ('owner', 'name', 'vy', 'takes_s'),
+    [
+        (choose, 'propose', 0.0, 0.003),
+        (planner, 'guess_from_law', 8.0, 0.004),
+        (choose, 'propose', 0.0, 1.0),  # no time is left, and the tick still answers
+    ],
+)
+def test_the_time_to_guess_is_taken_from_the_solvers(
+    timed, world, monkeypatch, owner, name, vy, takes_s
+):
+    monkeypatch.setattr(owner, name, delay(timed, getattr(owner, name), takes_s))
+    *_, why = world.tick(timed, world.rolling(vy=vy))
+    solvers, left_s = timed.parts.solvers, max(LIMIT_S - takes_s, 0.0)
+    own = solvers.sliding if vy else solvers.first
+    assert own.limits_s == pytest.approx([left_s])
+    others = [limit for solver in solvers.parallel.solvers for limit in solver.limits_s]
+    if left_s and not vy:
+        assert others == pytest.approx([left_s] * 2)
+    if not left_s:
+        assert 'candidates.count' not in why.values
+
+
+def test_other_candidates_that_do_not_return_hold_no_tick(timed, world):
+    solvers, hanging = timed.parts.solvers, HangingSolver()
+    solvers.parallel.solvers = [hanging] * len(solvers.parallel.solvers)
+    solvers.solve_first = delay(timed, solvers.solve_first, PATIENCE_S - 0.01)
+    pop_up(timed, Obstacle(1, 32.0, 1.2, 1.0, 0.0, 0.0))
+    began = time.monotonic()
+    try:
+        for k in range(3):
+            *_, why = world.tick(timed, world.rolling(stamp_ns=k * TICK, X=float(k)))
+            assert (why.values['rung'], why.values['reason']) == (SOLVED, 'converged')
+        assert hanging.begun.is_set()
+        assert time.monotonic() - began < 50.0
+    finally:
+        hanging.release.set()
+
+
+@pytest.mark.parametrize(
+    ('build_s', 'built'),
+    [
+        (0.001, ['left of 1', 'right of 1', BRAKE]),
+        (0.004, ['left of 1', BRAKE]),
+        (0.006, ['left of 1']),
+    ],
+)
+def test_late_candidates_are_dropped_the_first_way_last_then_the_plan_that_brakes(
+    timed, world, build_s, built
+):
+    parts, scene, now = timed.parts, timed.scene, timed.active_ramp.end
+    x = world.rolling()
+    _, x0 = path_progress.initial_state(Progress(), x, now, scene, None, parts.params)
+    guess = planner.guess_from_law(x0, scene, timed.car, parts)
+    others = [Candidate(name, guess) for name in ('left of 1', 'right of 1', BRAKE)]
+    parts.model.build_problem = delay(timed, parts.model.build_problem, build_s)
+    arguments = x0, scene, others, timed.car
+    assert list(planner._build(*arguments, parts.clock(), parts)) == built
+    parts.limit_time = False
+    assert len(planner._build(*arguments, parts.clock(), parts)) == 3

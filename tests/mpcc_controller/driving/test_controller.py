@@ -1,15 +1,21 @@
-"""The receding horizon controller: its reports, its reaction to failures, its closed loop."""
+"""The receding-horizon controllers in the closed loop: physics, reports, inputs, warm-up."""
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from mpcc_controller.driving import planner
+from mpcc_controller.driving import planner, setpoints
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.fallback import BRAKING
-from mpcc_controller.driving.records import TickInputs
-from mpcc_controller.problem.obstacle_motion import ExpectedObstacle
+from mpcc_controller.driving.delay_compensation import expected_delay
+from mpcc_controller.driving.records import Arrival, TickInputs
+from mpcc_controller.driving.setpoints import Setpoints
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import Input, State
+from msgs_yaml import conformance, encode
 from msgs_yaml.types import Actuators, Obstacle, Obstacles
-from stage_solver.solution import SOLVED, STOPPED_EARLY
+from stage_solver.solution import FAILED, SOLVED, STOPPED_EARLY
+from stage_solver.stage_problem import Plan
 
 TICK = 50_000_000
 
@@ -19,116 +25,147 @@ def controller(shared_controller, world):
     return world.set_inputs(shared_controller, world.straight())
 
 
-def test_at_the_desired_speed_the_force_goes_towards_the_drag(controller, world):
-    run = world.drive(controller, 60)
-    force = run.commands[-1].Fxf + run.commands[-1].Fxr
-    drag = controller.car.drag * 20**2 + controller.car.rolling
-    assert force == pytest.approx(drag, rel=0.1)
-    assert run.commands[-1].Fxf == 0
+@pytest.fixture
+def baseline(baseline_controller, world):
+    return world.set_inputs(baseline_controller, world.lane_change())
 
 
-def test_the_reported_cost_is_the_sum_of_its_terms_and_equals_that_of_the_solver(controller, world):
-    world.set_inputs(controller, world.lane_change())
-    _, _, why = world.tick(controller, world.rolling(X=20.0))
-    costs = {name: value for name, value in why.values.items() if name.startswith('cost.')}
-    total = costs.pop('cost.total')
-    assert total == pytest.approx(sum(costs.values()), rel=1e-12)
-    assert total == pytest.approx(why.values['solver.cost'], rel=1e-6)
-    assert {name.removeprefix('cost.') for name in costs} == {
-        name.removeprefix('weight.') for name in why.values if name.startswith('weight.')
-    }
+@pytest.fixture(params=['shared_controller', 'baseline_controller'])
+def either(request, world):
+    """Return the MPCC, then the baseline, on a straight road."""
+    return world.set_inputs(request.getfixturevalue(request.param), world.straight())
+
+
+# physics of both problems
+
+
+def test_a_straight_road_needs_no_steering_and_a_force_towards_the_drag(either, world):
+    command, prediction, why = world.tick(either, world.rolling())
+    assert why.values['rung'] == SOLVED
+    assert abs(command.delta) < 1e-6
+    assert np.max(np.abs(prediction.Y)) < 1e-4
+    assert command.stamp_ns == prediction.stamp_ns == why.stamp_ns
+    assert prediction.X[-1] == pytest.approx(50.0, rel=0.02)
+    last = world.drive(world.set_inputs(either, world.straight()), 60).commands[-1]
+    drag = either.car.drag * 20**2 + either.car.rolling
+    assert last.Fxr == pytest.approx(drag, rel=0.1)
+    assert last.Fxf == 0
+
+
+def mirrored(situation):
+    flip = np.array([1, -1])
+    reference, edges, obstacles = situation
+    return situation._replace(
+        reference=reference._replace(Y=-reference.Y, psi=-reference.psi),
+        edges=edges._replace(left=edges.right * flip, right=edges.left * flip),
+        obstacles=Obstacles(0, tuple(o._replace(Y=-o.Y) for o in obstacles.items)),
+    )
+
+
+def test_a_mirrored_road_mirrors_the_steering(either, world):
+    situation = world.lane_change()
+    state = world.rolling(X=25.0, psi=0.02, vy=0.1, r=0.05)
+    world.set_inputs(either, situation)
+    here, plan, why = world.tick(either, state)
+    assert 0.3 < why.values['friction.front_max'] < 1.02
+    assert why.values['friction.rear_max'] < 1.02
+    world.set_inputs(either, mirrored(situation))
+    there, other, _ = world.tick(either, state._replace(psi=-0.02, vy=-0.1, r=-0.05))
+    assert np.max(np.abs(plan.Y)) > 1
+    assert pytest.approx(-plan.Y, abs=1e-4) == other.Y
+    assert there.delta == pytest.approx(-here.delta, abs=1e-5)
+    assert there.Fxf + there.Fxr == pytest.approx(here.Fxf + here.Fxr, abs=1.0)
+
+
+def test_an_obstacle_that_appears_beside_the_path_pushes_the_plan_to_the_free_side(either, world):
+    world.tick(either, world.rolling())
+    either.set_obstacles(Obstacles(0, (Obstacle(1, 30.0, -0.5, 1.0, 0.0, 0.0),)))
+    _, prediction, why = world.tick(either, world.rolling(X=1.0, stamp_ns=TICK))
+    assert prediction.Y[np.argmin(np.abs(prediction.X - 30.0))] > 1.4
+    assert why.values['v2o.1.least'] > 0
+    assert why.values['q_v2o.1'] > 0
+    assert why.values['cost.v2o'] > 0
+
+
+@pytest.mark.parametrize(
+    ('v', 'distance'), [(20.0, 16.0), (22.0, 18.0), (20.0, 20.0), (22.0, 28.0), (20.0, 40.0)]
+)
+def test_an_obstacle_that_appears_on_the_plan_is_solved(controller, world, v, distance):
+    """Also straight ahead, where the distance has no gradient."""
+    for side in (-0.1, -0.02, 0.0):
+        for radius in (1.0, 1.2):
+            world.set_inputs(controller, world.straight(v=v, left=6.0, right=-2.5))
+            world.tick(controller, world.rolling(v=v, X=12.0))
+            X = 12.0 + v * 0.05
+            surprise = Obstacle(1, X + distance, side, radius, 0.0, 0.0)
+            controller.set_obstacles(Obstacles(0, (surprise,)))
+            *_, why = world.tick(controller, world.rolling(v=v, X=X, stamp_ns=TICK))
+            assert why.values['solver.status'] == SOLVED, (side, radius)
+
+
+@pytest.mark.parametrize(
+    ('name', 'ticks', 'least', 'most'),
+    [('mpcc', 100, 0.2, 2), ('frenet', 90, 0.3, 2), ('mpcc_no_ca', 80, -2, 0)],
+)
+def test_a_lane_change_past_an_obstacle_ends_on_the_path_without_contact_but_by_avoidance_only(
+    world, name, ticks, least, most
+):
+    """`mpcc_no_ca` drives through."""
+    controller, situation = Controller(*world.load(name)), world.lane_change()
+    run = world.drive(world.set_inputs(controller, situation), ticks)
+    obstacle, x = situation.obstacles.items[0], run.states
+    gap = np.hypot(x.X - obstacle.X, x.Y - obstacle.Y) - obstacle.r_obs - 1.1
+    assert least < np.min(gap) < most
+    assert x.Y[-1] == pytest.approx(3.5, abs=0.4)
+    assert {why.values['rung'] for why in run.whys} <= {SOLVED, STOPPED_EARLY}
+    assert not controller.memory.rejections
 
 
 def test_heading_beyond_pi_is_taken_as_the_same_heading(controller, world):
-    def westwards(reference):
-        return reference._replace(X=-reference.X, psi=reference.psi * 0 + np.pi)
-
-    situation = world.straight()
-    swapped = situation.edges._replace(
-        left=situation.edges.right * [-1, 1], right=situation.edges.left * [-1, 1]
-    )
-    world.set_inputs(
-        controller, situation._replace(reference=westwards(situation.reference), edges=swapped)
-    )
+    reference, edges, obstacles = world.straight()
+    west = reference._replace(X=-reference.X, psi=reference.psi * 0 + np.pi)
+    swapped = edges._replace(left=edges.right * [-1, 1], right=edges.left * [-1, 1])
+    world.set_inputs(controller, type(world.straight())(west, swapped, obstacles))
     command, prediction, _ = world.tick(controller, world.rolling(psi=-np.pi + 0.01))
     assert prediction.psi[0] == pytest.approx(np.pi + 0.01)
     assert -0.03 < command.delta < 0
 
 
-def test_a_path_without_stamps_is_driven_at_the_speed_of_the_parameter(world):
-    situation = world.straight(v=20.0)
-    still = situation._replace(
-        reference=situation.reference._replace(t=0.0 * situation.reference.t)
-    )
-    fault = Controller(*world.load()).set_reference(still.reference)
-    assert 'surroundings.path_speed_mps' in fault
-    timed = world.set_inputs(Controller(*world.load()), situation)
-    given = world.set_inputs(Controller(*world.load(surroundings__path_speed_mps=20.0)), still)
-    forces = [sum(world.tick(each, world.rolling())[0][3:]) for each in (timed, given)]
-    assert forces[0] == pytest.approx(forces[1], abs=1.0)
-
-
 def test_equal_inputs_give_equal_commands(controller, world):
-    runs = []
-    for _ in range(2):
-        world.set_inputs(controller, world.lane_change())
-        runs.append(world.drive(controller, 15).commands)
-    assert runs[0] == runs[1]
+    runs = [world.drive(world.set_inputs(controller, world.lane_change()), 8) for _ in range(2)]
+    assert runs[0].commands == runs[1].commands
 
 
-def test_plan_of_a_lane_change_stays_inside_the_friction_circle(controller, world):
-    world.set_inputs(controller, world.lane_change())
-    _, _, why = world.tick(controller, world.rolling(X=20.0))
-    assert 0.3 < why.values['friction.front_max'] < 1.02
-    assert why.values['friction.rear_max'] < 1.02
-
-
-# failures
-
-
-def test_below_the_least_speed_the_car_brakes_to_a_stop_with_hysteresis(controller, world):
-    decisions = []
-    for k, v in enumerate((7.2, 6.9, 7.5, 7.9, 8.1)):
-        *_, why = world.tick(controller, world.rolling(v=v, X=0.4 * k, stamp_ns=k * TICK))
-        decisions.append((why.values['rung'], why.values['reason']))
-    assert decisions[0][0] == SOLVED
-    assert decisions[1:4] == [(BRAKING, 'too_slow')] * 3
-    assert decisions[4][0] == SOLVED
-
-
-def test_just_above_the_least_speed_hard_braking_is_still_a_solvable_problem(controller, world):
+def test_hard_braking_above_the_least_speed_and_a_car_off_the_road_are_solvable(controller, world):
     controller.reset(Actuators(0, 0.0, 0.0, -7000.0, -5000.0, (0.0,) * 4))
-    *_, why = world.tick(controller, world.rolling(v=7.1))
-    assert why.values['rung'] == SOLVED
-    assert why.values['cost.slow'] > 1.0
-    assert why.values['slack.max'] < 0.01  # on the road
-
-
-def test_outside_the_road_the_problem_stays_solvable(controller, world):
+    values = world.tick(controller, world.rolling(v=7.1))[2].values
+    assert values['rung'] == SOLVED
+    assert values['cost.slow'] > 1.0
+    assert values['slack.max'] < 0.01  # on the road
     world.set_inputs(controller, world.straight(left=3.0, right=-3.0))
-    *_, why = world.tick(controller, world.rolling(Y=2.5))
-    assert why.values['rung'] == SOLVED
-    assert why.values['v2e.left'] < 0
-    assert why.values['slack.max'] > 0.1
+    values = world.tick(controller, world.rolling(Y=2.5))[2].values
+    assert values['rung'] == SOLVED
+    assert values['v2e.left'] < 0
+    assert values['slack.max'] > 0.1
 
 
-def test_a_restart_takes_its_setpoints_from_the_actuators(controller, world):
-    controller.reset(Actuators(0, 0.05, 0.0, -1200.0, -800.0, (0.0,) * 4))
-    _, _, why = world.tick(controller, world.rolling())
-    assert why.values['set_point.delta'] == pytest.approx(0.05)
-    assert why.values['set_point.Fx'] == pytest.approx(-2000.0)
+# inputs
+
+
+def test_a_restart_cuts_the_set_points_of_the_actuators_to_the_limits(controller):
     controller.reset(Actuators(0, 0.6, 0.0, 3000.0, -1000.0, (0.0,) * 4))
     assert controller.last_command.delta == pytest.approx(controller.params.limits.steer_rad)
-    assert (controller.last_command.Fxf, controller.last_command.Fxr) == (0, 0)
+    assert controller.last_command[3:] == (0, 0)
+    controller.reset(Actuators(0, 0.05, 0.0, -12e3, -8e3, (0.0,) * 4))
+    brake_n = controller.params.limits.brake_n
+    assert controller.last_command[1:] == pytest.approx((0.05, 0.0, -0.6 * brake_n, -0.4 * brake_n))
 
 
 def test_an_invalid_path_or_edge_is_rejected_and_the_old_one_kept(controller, world):
-    situation = world.straight()
-    before = controller.scene
+    situation, before = world.straight(), controller.scene
     t = situation.reference.t.copy()
     t[3] = t[2]
-    stuck = situation.reference._replace(t=t)
-    assert 'stamp does not increase' in controller.set_reference(stuck)
+    assert 'stamp does not increase' in controller.set_reference(situation.reference._replace(t=t))
     assert 'left edge' in controller.set_edges(situation.edges._replace(left=np.zeros((2, 2))))
     assert controller.scene == before
 
@@ -141,36 +178,32 @@ def test_the_same_path_again_keeps_theta(controller, world):
     assert controller.memory.progress.theta is None
 
 
-def test_an_obstacle_that_appears_is_avoided_from_the_next_step_on(controller, world):
-    world.tick(controller, world.rolling())
-    controller.set_obstacles(Obstacles(0, (Obstacle(7, 28.0, -0.4, 1.0, 0.0, 0.0),)))
-    *_, why = world.tick(controller, world.rolling(X=1.0, stamp_ns=TICK))
+def test_plans_of_the_baseline_are_in_the_map_when_it_fails_and_on_a_new_path(
+    baseline, world, monkeypatch
+):
+    """The same road with a path that begins 10 m later: s changes, the plan does not."""
+    first = world.tick(baseline, world.rolling(X=30.0))[1]
+    state, path = world.rolling(X=31.0, stamp_ns=TICK), world.lane_change().reference
+    before = world.tick(baseline, state)[1]
+    shorter = {name: getattr(path, name)[20:] for name in ('X', 'Y', 'psi')}
+    world.set_inputs(baseline, world.lane_change())
+    world.tick(baseline, world.rolling(X=30.0))
+    assert baseline.set_reference(path._replace(**shorter, t=path.t[20:] - path.t[20])) == ''
+    _, after, why = world.tick(baseline, state)
     assert why.values['rung'] == SOLVED
-    assert why.values['v2o.7.least'] > 0
+    assert why.values['theta'] == pytest.approx(21.0, abs=1e-6)
+    assert why.values['solver.iterations'] < 12
+    assert pytest.approx(before.X, abs=1e-3) == after.X
+    assert pytest.approx(before.Y, abs=1e-3) == after.Y
 
-
-# closed loop
-
-
-def test_a_lane_change_past_an_obstacle_ends_on_the_path_without_contact(controller, world):
-    situation = world.lane_change()
-    run = world.drive(world.set_inputs(controller, situation), 110)
-    obstacle = situation.obstacles.items[0]
-    x = run.states
-    gap = np.hypot(x.X - obstacle.X, x.Y - obstacle.Y) - obstacle.r_obs - 1.1
-    assert np.min(gap) > 0.2
-    assert x.X[-1] > 100
-    assert abs(x.Y[-1] - 3.5) < 0.2
-    assert {why.values['rung'] for why in run.whys} <= {SOLVED, STOPPED_EARLY}
-    assert not controller.memory.rejections
-
-
-def test_without_collision_avoidance_the_same_lane_change_touches_the_obstacle(world):
-    situation = world.lane_change()
-    run = world.drive(world.set_inputs(Controller(*world.load('mpcc_no_ca')), situation), 80)
-    obstacle = situation.obstacles.items[0]
-    gap = np.hypot(run.states.X - obstacle.X, run.states.Y - obstacle.Y) - obstacle.r_obs - 1.1
-    assert np.min(gap) < 0
+    world.set_inputs(baseline, world.lane_change())
+    world.tick(baseline, world.rolling(X=30.0))
+    solver = baseline.parts.solvers.first
+    failing = world.ModifiedSolver(solver, lambda s: s._replace(status=FAILED))
+    monkeypatch.setattr(baseline.parts.solvers, 'first', failing)
+    _, second, why = world.tick(baseline, state)
+    assert why.values['rung'] == 'shifted'
+    assert first.Y[2:] == pytest.approx(second.Y[1:-1], abs=1e-9)
 
 
 @pytest.mark.parametrize('raises', [None, 'plan'])
@@ -183,40 +216,168 @@ def test_what_is_measured_is_remembered_while_ticks_raise(world, monkeypatch, ra
     if raises:
         monkeypatch.setattr(planner, raises, fail)
     records = []
-    for k in range(8):
-        x = world.rolling(X=k)._replace(stamp_ns=(k + 1) * TICK)
+    for k in range(1, 9):
+        x = world.rolling(X=k, stamp_ns=k * TICK)
         actuators = Actuators(x.stamp_ns, *5 * [0.0])
         records.append(controller.step(TickInputs(x, actuators=actuators)))
-    memory, stamp_ns = controller.memory, 8 * TICK
+    memory = controller.memory
     assert bool(controller.errors.counts) == bool(raises)
-    assert memory.known.stamp_ns == memory.sightings.true_state.stamp_ns == stamp_ns
+    assert memory.known.stamp_ns == memory.sightings.true_state.stamp_ns == 8 * TICK
     # neither a steering that agrees nor the start after a pause is forgotten
     steering, _ = memory.actuators.persistences
-    assert steering.agreed_ns == stamp_ns
+    assert steering.agreed_ns == 8 * TICK
     assert [record.resumed for record in records] == [True] + 7 * [False]
 
 
-def test_what_is_observed_of_obstacles_does_not_depend_on_messages_between_ticks(world):
-    """A node receives obstacles before its restart and at any time; a replay has those of ticks."""
+# the report of a tick
 
-    def slowing(t):
-        """Return a car ahead that brakes with 6 m/s^2; between ticks its speed has an error."""
-        noise = 2.0 * np.sin(2 * np.pi * t / 0.05)
-        car = Obstacle(1, 40.0 + 14.0 * t - 3.0 * t**2, 0.0, 1.0, 14.0 - 6.0 * t + noise, 0.0)
-        return Obstacles(round(t * 1e9), (car,))
+TERMS = {
+    'mpcc': 'con lag vel d_delta d_Fx lambda_b v2o v2e slack slow',
+    'frenet': 'e dpsi vel d_delta d_Fx lambda_b v2o v2e slack slow',
+}
+NAMES = (
+    'rung reason gate gate.rejections theta vx v_ref set_point.delta set_point.Fx cost.total',
+    'split.front split.ideal slack.max plan.age plan.failures',
+    'solver.warm solver.status solver.message solver.iterations solver.cost',
+    'solver.primal_residual solver.dual_residual',
+    'time.prepare_ms time.solve_ms time.solve_cpu_ms time.lead_ms',
+    'v2o.1 v2o.1.least v2o_frenet.1 v2o_difference.1 q_v2o.1 q_v2o.1.now',
+    'v2e.left v2e.left.least v2e.right v2e.right.least',
+    'q_v2e.left q_v2e.left.now q_v2e.right q_v2e.right.now',
+    'friction.front friction.rear friction.front_max friction.rear_max',
+)
 
-    controllers = [Controller(*world.load(surroundings__braking_window_s=0.15)) for _ in range(2)]
-    node, replay = (world.set_inputs(c, world.straight()) for c in controllers)
-    for t in np.arange(-0.2, 0.0, 0.013):
-        node.set_obstacles(slowing(t))
-    node.reset(world.REST)
-    for tick in range(1, 8):
-        t = 0.05 * tick
-        node.set_obstacles(slowing(t - 0.017))
-        records = []
-        for controller in (node, replay):
-            controller.set_obstacles(slowing(t))
-            records.append(controller.step(TickInputs(world.rolling(X=t, stamp_ns=round(t * 1e9)))))
-        assert records[0].scene.obstacles == records[1].scene.obstacles
-        assert records[0].command == records[1].command
-    assert isinstance(records[0].scene.obstacles.items[0], ExpectedObstacle)
+
+def test_the_report_is_complete_agrees_with_the_solver_and_conforms_to_the_contract(either, world):
+    name = either.params.formulation.name
+    world.set_inputs(either, world.lane_change())
+    x = world.rolling(X=40.0, Y=0.3, psi=0.05, stamp_ns=TICK)
+    _, prediction, why = world.tick(either, x)
+    values, terms = why.values, TERMS[name].split()
+    costs = {term: values[f'cost.{term}'] for term in terms}
+    errors = [f'error.{term}' for term in terms[:2]]
+    expected = {f'{kind}.{term}' for kind in ('cost', 'weight') for term in terms}
+    expected |= {*errors, *(f'{error}_max' for error in errors)}
+    assert set(values) == set(' '.join(NAMES).split()) | expected
+    assert not conformance.check('/controller/why', encode.why(why))
+    assert values['cost.total'] == pytest.approx(sum(costs.values()), rel=1e-12)
+    assert values['cost.total'] == pytest.approx(values['solver.cost'], rel=1e-6)
+    assert values[errors[0]] == pytest.approx(0.3, abs=1e-6)
+    if name == 'frenet':
+        assert values['error.dpsi'] == pytest.approx(0.05, abs=1e-6)
+    start = prediction.X[0], prediction.Y[0], prediction.psi[0]
+    assert start == pytest.approx((40.0, 0.3, 0.05), abs=1e-9)
+
+
+def test_obstacles_without_room_in_the_problem_are_counted(controller, world):
+    situation = world.lane_change()
+    near, *_ = situation.obstacles.items
+    row = tuple(near._replace(id=k, X=90.0 + 5.0 * k, Y=-8.0) for k in range(2, 8))
+    controller.set_obstacles(situation.obstacles._replace(items=(near, *row)))
+    *_, why = world.tick(controller, world.rolling(X=40.0, stamp_ns=TICK))
+    assert why.values['obstacles.left_out'] == 7 - controller.params.surroundings.max_obstacles
+    assert not conformance.check('/controller/why', encode.why(why))
+    controller.set_obstacles(situation.obstacles)
+    *_, why = world.tick(controller, world.rolling(X=41.0, stamp_ns=2 * TICK))
+    assert 'obstacles.left_out' not in why.values
+
+
+@pytest.mark.parametrize(('X', 'Y'), [(69.0, 3.6), (72.0, 3.8)])
+def test_distances_weights_and_their_frenet_counterparts_agree_with_the_geometry(
+    controller, world, X, Y
+):
+    world.set_inputs(controller, world.lane_change())
+    v = world.tick(controller, world.rolling(X=X, Y=Y))[2].values
+    gap = np.hypot(X - 72.0, Y - 1.5) - 2.1
+    assert v['v2o.1'] == pytest.approx(gap, abs=1e-5)
+    assert v['v2o_difference.1'] == pytest.approx(v['v2o_frenet.1'] - v['v2o.1'], abs=1e-12)
+    assert v['v2o_difference.1'] != 0
+    assert v['v2o.1.least'] <= v['v2o.1']
+    assert v['v2e.left'] == pytest.approx(6.0 - Y - 1.1, abs=1e-3)
+    gauss = np.exp(-2 * gap**2 / controller.params.safety.obstacle_m**2)
+    assert v['q_v2o.1.now'] == pytest.approx(v['weight.v2o'] * gauss, rel=1e-4, abs=1e-4)
+    assert v['q_v2o.1.now'] <= v['q_v2o.1'] <= v['weight.v2o']
+
+
+def test_times_of_receiving_and_publishing_are_reported_where_they_are_known(controller, world):
+    *_, why = world.tick(controller, world.rolling(stamp_ns=TICK))
+    assert not {'time.publish_ms', 'time.heard_ns', 'time.wait_ms'} & why.values.keys()
+    known = {'arrival': Arrival(received_ns=77, wait_s=0.002), 'publish_s': 0.004}
+    *_, why = world.tick(controller, world.rolling(X=1.0, stamp_ns=2 * TICK), **known)
+    times = [why.values[f'time.{name}'] for name in ('heard_ns', 'wait_ms', 'publish_ms')]
+    assert times == pytest.approx([77, 2.0, 4.0])
+    assert not conformance.check('/controller/why', encode.why(why))
+
+
+# the warm-up before the first command
+
+
+def test_a_warm_up_leaves_no_state_behind_except_the_latency_estimate(realtime, world):
+    x, scene, before = world.rolling(X=10.0, stamp_ns=TICK), realtime.scene, realtime.memory
+    steps = realtime.warm_up(x, 5)
+    assert next(steps)
+    assert realtime.memory.plans.plan is not None
+    steps.close()  # cut short
+    stamps = [record.command.stamp_ns for record in realtime.warm_up(x, 5)]
+    assert stamps == [(1 + k) * TICK for k in range(1, 6)]
+    assert realtime.scene is scene
+    memory = realtime.memory
+    assert (memory.plans, memory.progress, memory.last) == (
+        before.plans,
+        before.progress,
+        before.last,
+    )
+    assert not memory.rejections
+    delay_s = expected_delay(memory.computing_s, 0.0, realtime.params.delay)
+    assert delay_s == pytest.approx(0.015 + 0.001)
+
+
+def test_after_the_warm_up_the_commands_are_those_of_a_controller_that_did_not_warm_up(world):
+    """Set-points, friction and obstacles are as before; all solvers of candidates have worked."""
+    settings = world.load(candidates__most=4, **world.ESTIMATE)
+    warm, cold = (
+        world.set_inputs(Controller(*settings), world.lane_change(18.0)) for _ in range(2)
+    )
+    solvers = [world.ModifiedSolver(solver) for solver in warm.parts.solvers.parallel.solvers]
+    warm.parts.solvers.parallel.solvers = solvers
+    before = warm.scene
+    records = list(warm.warm_up(world.rolling(v=18.0, X=20.0), 12))
+    assert sum(record.attempt.candidates is not None for record in records) >= 3
+    assert all(solver.solutions for solver in solvers)
+    assert all(record.attempt.candidates is None for record in records[-5:])
+    assert (warm.last_command, warm.memory.ramps) == (cold.last_command, cold.memory.ramps)
+    assert warm.scene is before
+    runs = [world.drive(controller, 12) for controller in (warm, cold)]
+    assert runs[0].commands == runs[1].commands
+    frictions = [[why.values['friction.estimate'] for why in run.whys] for run in runs]
+    assert frictions[0] == frictions[1]
+
+
+# set-points
+
+
+def use(Fx, lambda_b, car):
+    F, Fz = single_track.split(Fx, lambda_b, car), single_track.loads(Fx, car)
+    return abs(float(F.f)) / (car.mu_f * Fz.f), abs(float(F.r)) / (car.mu_r * Fz.r)
+
+
+@settings(max_examples=100)
+@given(st.floats(-15000, 0), st.floats(0.4, 0.9))
+def test_the_limited_split_keeps_both_axles_within_the_friction(params, car, Fx, lambda_b):
+    limited = setpoints.split_within_friction(lambda_b, Fx, car, params.limits)
+    assert max(use(Fx, limited, car)) <= params.limits.friction_use * (1 + 1e-9)
+    if max(use(Fx, lambda_b, car)) <= params.limits.friction_use:
+        assert limited == pytest.approx(lambda_b)
+    # a force beyond the friction is split like that
+    beyond = setpoints.split_within_friction(lambda_b, -25e3, car, params.limits)
+    front, rear = use(-25e3, beyond, car)
+    assert front == pytest.approx(rear)
+
+
+def test_the_target_of_a_plan_is_the_end_of_its_first_step(params, car):
+    X, U = np.zeros((3, 9)), np.zeros((2, 4))
+    X[1] = State(0, 0, 0, 20, 0, 0, 0, 0.02, -1000.0)
+    U[0] = Input(0.4, -2e4, 0.55, 0)
+    target = setpoints.target_of_plan(Plan(X, U), car, params.limits)
+    command = setpoints.command_to(target, Setpoints(0.0, 0.0), car, 0.05, 7)
+    assert command == pytest.approx((7, 0.02, 0.4, -550.0, -450.0))

@@ -1,131 +1,199 @@
-"""The state at which a command takes effect, predicted with the setpoints already sent."""
+"""The plan starts at the state at which its command takes effect, under the set-points sent."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from mpcc_controller.driving import delay_compensation
+from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.delay_compensation import (
     SetpointRamp,
+    constant_ramp,
     expected_delay,
+    predict,
+    setpoints_at,
+    still_needed,
 )
+from mpcc_controller.driving.friction_estimate import FrictionBelief
+from mpcc_controller.driving.records import TickInputs, unknown_state
 from mpcc_controller.driving.setpoints import Setpoints
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.parameters import Delay
+from msgs_yaml.types import Actuators, Command, Obstacle, Obstacles, VehicleState
 
-MS = 1_000_000
-REST = delay_compensation.constant_ramp(Setpoints(0.0, 0.0), 0.6)
-
-
-@pytest.fixture(scope='module')
-def predictor(car):
-    return Predictor(car)
+TICK, MS = 50_000_000, 1_000_000
 
 
-class Predictor:
-    """Predicts the motion of a car."""
-
-    def __init__(self, car):
-        self.car = car
-
-    def predict(self, x, ramps, stamp_ns):
-        return delay_compensation.predict(x, ramps, stamp_ns, self.car)
+def held(delta, Fx):
+    return constant_ramp(Setpoints(delta, Fx), 0.6)
 
 
-def test_without_a_delay_the_state_stays_as_it_is(predictor, world):
-    x = world.rolling(r=0.1, stamp_ns=7)
-    assert predictor.predict(x, [REST], 7) is x
+instants = st.integers(-60, 60)
+angles, forces = st.floats(-0.3, 0.3), st.floats(-12e3, 5e3)
 
 
-def test_the_motion_is_that_of_the_model_with_its_setpoints_held(predictor, car, world):
-    x = world.rolling(stamp_ns=7, r=0.2, vy=-0.1)
-    moved = predictor.predict(
-        x, [delay_compensation.constant_ramp(Setpoints(0.05, -4000.0), 0.6)], 7 + 10 * MS
-    )
-    assert moved.stamp_ns == 7 + 10 * MS
-    assert pytest.approx(0.2, abs=1e-3) == moved.X
-    assert moved.psi == pytest.approx(0.002, abs=1e-4)
-    braking = (-4000.0 - car.drag * 400 - car.rolling) / car.m
-    assert moved.vx - x.vx == pytest.approx(0.01 * braking, rel=0.2)
-    assert moved.r > x.r
+@settings(max_examples=40)
+@given(
+    marks=st.lists(st.tuples(instants, instants, angles, forces), min_size=1, max_size=4),
+    motion=st.tuples(st.floats(8, 35), st.floats(-0.5, 0.5), st.floats(-0.4, 0.4)),
+    until_ms=st.integers(0, 60),
+)
+def test_the_state_is_that_of_the_model_under_the_set_points_sent(car, marks, motion, until_ms):
+    """The reference takes short midpoint steps under set-points of its own; some of them jump."""
+    ramps, last = [held(0.0, 0.0)], Setpoints(0.0, 0.0)
+    for begin_ms, duration_ms, *end in sorted(marks):
+        end_ms = begin_ms + max(duration_ms, 0)
+        ramps.append(SetpointRamp(begin_ms * MS, last, end_ms * MS, Setpoints(*end), 0.6))
+        last = ramps[-1].end
 
+    def sent(t_ms):
+        active = [ramp for ramp in ramps[1:] if ramp.begin_ns <= t_ms * MS]
+        ramp = active[-1] if active else ramps[0]
+        at = (ramp.begin_ns / MS, max(ramp.end_ns / MS, ramp.begin_ns / MS + 1e-9))
+        return [np.interp(t_ms, at, pair) for pair in zip(ramp.begin, ramp.end)]
 
-def test_the_actuators_move_to_their_setpoints_during_the_prediction(predictor, car, world):
-    """The change of speed is the integral of a force that first ramps and then holds."""
-    x = world.rolling(stamp_ns=0)
-    ramp = SetpointRamp(-30 * MS, Setpoints(0.0, 0.0), 20 * MS, Setpoints(0.0, -5000.0), 0.6)
-    moved = predictor.predict(x, [ramp], 40 * MS)
-    impulse = -(3000.0 + 5000.0) / 2 * 0.02 - 5000.0 * 0.02
-    drag = -(car.drag * 400 + car.rolling) * 0.04
-    assert moved.vx - x.vx == pytest.approx((impulse + drag) / car.m, rel=0.02)
+    x = VehicleState(0, 0.0, 0.0, 0.0, *motion)
+    rates = single_track.rates(single_track.structure(car))
 
+    def change(y, t_ms):
+        delta, Fx = sent(t_ms)
+        state = State(*y, theta=0.0, delta=delta, Fx=Fx)
+        return rates(state, Input(0.0, 0.0, 0.6, 0.0), car).full().ravel()[:6]
 
-def test_setpoints_that_jump_are_held_before_and_after(predictor, world):
-    """A first step of 50 ms or more: its command is due when it takes effect."""
-    x = world.rolling(stamp_ns=0, r=0.1)
-    before, after = Setpoints(0.0, 0.0), Setpoints(0.05, -5000.0)
-    halfway = predictor.predict(x, [delay_compensation.constant_ramp(before, 0.6)], 20 * MS)
-    wanted = predictor.predict(halfway, [delay_compensation.constant_ramp(after, 0.6)], 40 * MS)
-    ramp = SetpointRamp(20 * MS, before, 20 * MS, after, 0.6)
-    assert predictor.predict(x, [ramp], 40 * MS) == wanted
-
-
-def test_steps_are_short_enough(predictor, world):
-    """Twice over half the time equals once over all of it."""
-    x = world.rolling(stamp_ns=0, vy=0.3, r=-0.4)
-    ramp = delay_compensation.constant_ramp(Setpoints(0.1, -6000.0), 0.6)
-    half = predictor.predict(predictor.predict(x, [ramp], 25 * MS), [ramp], 50 * MS)
-    assert np.allclose(half, predictor.predict(x, [ramp], 50 * MS), rtol=1e-4, atol=1e-4)
+    y = np.array(x[1:], float)
+    for t_ms in np.arange(0.5, until_ms, 1.0):
+        middle = y + 5e-4 * change(y, t_ms)
+        y = y + 1e-3 * change(middle, t_ms)
+    predicted = predict(x, ramps, until_ms * MS, car)
+    assert predicted.stamp_ns == until_ms * MS
+    assert predicted[1:] == pytest.approx(y, abs=2e-3)
+    assert setpoints_at(ramps, until_ms * MS)[0] == pytest.approx(sent(until_ms), abs=1e-6)
 
 
 @pytest.mark.parametrize(
-    ('ms', 'delta', 'Fx'),
-    [(-10, 0.1, 100.0), (0, 0.1, 100.0), (25, 0.2, -50.0), (50, 0.3, -200.0), (80, 0.3, -200.0)],
+    ('computing_s', 'age_s', 'expected'),
+    [
+        ((), 0.002, 0.013),  # with the computing time of the parameters
+        ((0.004, 0.003, 0.1), 0.0, 0.005),  # an interrupted solve does not change the estimate
+        ((), 0.2, 0.05),
+        ((), -1.0, 0.0),
+    ],
 )
-def test_setpoints_change_linearly_and_are_held_outside_the_ramp(ms, delta, Fx):
-    ramp = SetpointRamp(0, Setpoints(0.1, 100.0), 50 * MS, Setpoints(0.3, -200.0), 0.6)
-    assert ramp.at(ms * MS) == pytest.approx((delta, Fx))
+def test_the_delay_is_age_computing_and_transport_time_at_most_a_tick(computing_s, age_s, expected):
+    rules = Delay(computing_s=0.01, transport_s=0.001, longest_s=0.05, command_s=None)
+    assert expected_delay(computing_s, age_s, rules) == pytest.approx(expected)
 
 
-def test_a_ramp_without_duration_is_at_its_end():
-    assert SetpointRamp(5, Setpoints(0.1, 1.0), 5, Setpoints(0.2, 2.0), 0.6).at(5) == (0.2, 2.0)
+# in the controller
 
 
-def test_time_is_cut_where_the_rates_change():
-    ramp = SetpointRamp(10 * MS, Setpoints(0.0, 0.0), 30 * MS, Setpoints(0.2, 0.0), 0.6)
-    cut = delay_compensation.split_ramp(ramp, 0, 40 * MS)
-    assert [piece.duration_s for piece in cut] == pytest.approx([0.01, 0.02, 0.01])
-    assert [piece.begin.delta for piece in cut] == [0.0, 0.0, 0.2]
-    assert [piece.end.delta for piece in cut] == [0.0, 0.2, 0.2]
-    (whole,) = delay_compensation.split_ramp(ramp, 30 * MS, 40 * MS)
-    assert whole.duration_s == pytest.approx(0.01)
+def test_the_plan_starts_at_the_state_at_which_its_command_takes_effect(realtime, world):
+    # 2 ms of age, 8 ms as configured, 1 ms of transport; then the measured computing time
+    for k, lead_ms in ((1, 11), (2, 18), (3, 18), (4, 18)):
+        x = world.rolling(X=10.0 + k, stamp_ns=k * TICK)
+        _, prediction, why = world.tick(realtime, x, age_s=0.002)
+        assert why.values['time.lead_ms'] == pytest.approx(lead_ms)
+        assert prediction.X[0] == pytest.approx(x.X + lead_ms * 0.02, abs=1e-3)
+        assert prediction.stamp_ns == x.stamp_ns + lead_ms * MS
+        assert why.stamp_ns == x.stamp_ns
+    # braking takes no time and says nothing about the next solve
+    for k in range(5, 30):
+        world.tick(realtime, unknown_state(k * TICK), fault='state_stale')
+    expected = expected_delay(realtime.memory.computing_s, 0.0, realtime.params.delay)
+    assert expected == pytest.approx(0.016)
 
 
-RULES = Delay(computing_s=0.01, transport_s=0.001, longest_s=0.05, command_s=None)
+def test_in_lockstep_there_is_no_delay(controller, world):
+    _, prediction, why = world.tick(controller, world.rolling(X=10.0, stamp_ns=TICK), age_s=0.1)
+    assert why.values['time.lead_ms'] == 0
+    assert (prediction.X[0], prediction.stamp_ns) == (10.0, TICK)
 
 
-def test_the_delay_is_the_sum_of_age_computing_time_and_transport_time():
-    assert expected_delay((), 0.002, RULES) == pytest.approx(0.002 + 0.01 + 0.001)
-    # an interrupted solve does not change the estimate
-    assert expected_delay((0.004, 0.003, 0.1), 0.0, RULES) == pytest.approx(0.004 + 0.001)
+@pytest.mark.parametrize('ticks', [1, 2])
+def test_late_commands_are_compensated_for_in_lockstep_too(world, ticks):
+    """The plan starts at the state that the car reaches under the commands on their way."""
+    late = Controller(*world.load(delay__command_s=ticks * 0.05))
+    world.set_inputs(late, world.lane_change())
+    advance = world.make_car(late.car)
+    x, expected = State(40.0, 0.0, 0.0, 20.0, 0.0, 0.0, 40.0, 0.0, 0.0), {}
+    arriving = [Command(0, 0.0, 0.0, 0.0, 0.0)] * ticks
+    for k in range(1, 26):
+        command, prediction, why = world.tick(late, VehicleState(k * TICK, *x[:6]))
+        assert why.values['time.lead_ms'] == pytest.approx(50 * ticks)
+        assert prediction.stamp_ns == (k + ticks) * TICK
+        expected[k + ticks] = prediction.X[0], prediction.Y[0], prediction.psi[0]
+        if k in expected:
+            assert expected[k] == pytest.approx((x.X, x.Y, x.psi), abs=2e-3)
+        arriving = [*arriving, command]
+        x = advance(x, arriving.pop(0))
+    assert x.Y > 1.0  # it has changed lanes, so that steering mattered
+    assert not late.memory.rejections
 
 
-def test_the_delay_is_at_most_a_tick_and_never_negative():
-    assert expected_delay((), 0.2, RULES) == 0.05
-    assert expected_delay((), -1.0, RULES) == 0.0
+def test_after_an_early_state_the_last_setpoint_is_reached_first(realtime, world):
+    command, *_ = world.tick(realtime, world.rolling(X=10.0, v=18.0, stamp_ns=TICK))
+    ramp = realtime.active_ramp
+    assert ramp[:2] == (TICK + 9 * MS, (0.0, 0.0))
+    assert ramp[2:4] == (2 * TICK, (command.delta, command.Fxf + command.Fxr))
+    for ms, lead_ms in ((30, 20.0), (31, 49.0)):
+        early = world.rolling(X=10.6, stamp_ns=TICK + ms * MS)
+        assert world.tick(realtime, early)[2].values['time.lead_ms'] == pytest.approx(lead_ms)
+    assert not realtime.memory.rejections
+    realtime.reset(Actuators(0, 0.02, 0.0, -600.0, -400.0, (0.0,) * 4))
+    assert realtime.active_ramp.at(0) == realtime.active_ramp.end == (0.02, -1000.0)
 
 
-HERE, THERE = Setpoints(0.0, 0.0), Setpoints(0.1, -1000.0)
+def test_the_age_that_the_gate_checks_includes_the_computing_time(realtime, world):
+    realtime.parts.solvers.first.takes_s = 0.15
+    *_, why = world.tick(realtime, world.rolling(stamp_ns=TICK), age_s=0.06)
+    assert why.values['gate'] == 'too_old'
 
 
-def test_pieces_meet_where_the_ramp_begins_and_ends():
-    ramp = SetpointRamp(10 * MS, HERE, 30 * MS, THERE, 0.6)
-    pieces = delay_compensation.split_ramp(ramp, 0, 50 * MS)
-    assert [piece.duration_s for piece in pieces] == pytest.approx([0.01, 0.02, 0.02])
-    assert [piece.begin for piece in pieces] == [HERE, HERE, THERE]
-    assert [piece.end for piece in pieces] == [HERE, THERE, THERE]
+def test_a_moving_obstacle_is_predicted_to_the_time_of_the_command(realtime, world):
+    realtime.set_obstacles(Obstacles(TICK - 20 * MS, (Obstacle(3, 40.0, 1.0, 1.0, 10.0, -5.0),)))
+    _, prediction, why = world.tick(realtime, world.rolling(X=10.0, stamp_ns=TICK))
+    t = 0.02 + 1e-3 * why.values['time.lead_ms']
+    gap = np.hypot(40.0 + 10.0 * t - prediction.X[0], 1.0 - 5.0 * t - prediction.Y[0]) - 2.1
+    assert why.values['v2o.3'] == pytest.approx(gap, abs=1e-4)
 
 
-def test_a_step_of_the_setpoints_has_no_piece_without_length():
-    step = SetpointRamp(20 * MS, HERE, 20 * MS, THERE, 0.6)
-    pieces = delay_compensation.split_ramp(step, 0, 50 * MS)
-    assert [piece.duration_s for piece in pieces] == pytest.approx([0.02, 0.03])
-    assert pieces[-1].end == THERE
+@pytest.fixture(scope='module')
+def estimating(world):
+    """Return a controller that estimates the friction and whose commands take 200 ms."""
+    return Controller(*world.load(delay__command_s=0.2, **world.ESTIMATE))
+
+
+def test_every_command_on_its_way_is_in_the_prediction_however_many_there_are(estimating, world):
+    """States every 10 ms, commands that take 200 ms: twenty are on their way."""
+    late = world.set_inputs(estimating, world.lane_change())
+    sent = list(late.memory.ramps)
+    for k in range(1, 40):
+        x = world.rolling(X=40.0 + 0.2 * k, stamp_ns=10 * k * MS)
+        record = late.step(TickInputs(x))
+        state = late.parts.friction.filtered(late.memory.friction, x)  # these look like noise
+        assert record.state == predict(state, sent, x.stamp_ns + 200 * MS, late.car)
+        sent.append(late.active_ramp)
+    assert abs(sent[-1].end.delta) > 0.01  # so that what is on its way matters
+    first_ns = x.stamp_ns - 50 * MS  # that the estimate of the friction looks back
+    longest_ns = x.stamp_ns - round(1e3 * late.parts.actuators.memory_s) * MS
+    assert late.memory.ramps == still_needed(sent, longest_ns)
+    instants = range(first_ns, first_ns + 300 * MS, 5 * MS)
+    assert [setpoints_at(late.memory.ramps, t) for t in instants] == [
+        setpoints_at(sent, t) for t in instants
+    ]
+
+
+def test_the_delay_is_predicted_on_the_road_that_is_believed(estimating, world, monkeypatch):
+    """Hard braking for 0.2 s: where less friction is believed, the car is expected to slow less."""
+    slowed = {}
+    for friction in (1.0, 0.4):
+        late = world.set_inputs(estimating, world.straight())
+        late.memory = replace(late.memory, ramps=(held(0.0, -15e3),))
+        belief = FrictionBelief(friction, 0.0)
+        monkeypatch.setattr(late.parts.friction, 'belief', lambda _, belief=belief: belief)
+        x = world.rolling(stamp_ns=TICK)
+        slowed[friction] = x.vx - late.step(TickInputs(x)).state.vx
+    assert slowed[0.4] == pytest.approx(0.4 * slowed[1.0], rel=0.25)

@@ -1,222 +1,418 @@
-"""Which fallback level is chosen, when a plan is discarded, and how the logic recovers."""
+"""The ladder of fallbacks: which level is driven for which reason, alone and in the controller."""
 
-import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from mpcc_controller.driving import fallback
-from mpcc_controller.driving.fallback import (
-    BRAKING,
-    RECOVERY,
-    SHIFTED,
-    Plans,
-)
+from mpcc_controller.driving.fallback import BRAKING, RECOVERY, SHIFTED, Plans
+from mpcc_controller.driving.gate import Gate
+from mpcc_controller.driving.records import unknown_state
+from mpcc_controller.model.single_track import State
+from mpcc_controller.parameters import Fallback
+from msgs_yaml import conformance, encode
+from msgs_yaml.types import Actuators, VehicleState
 from stage_solver.solution import FAILED, ONE_STEP, SOLVED, STOPPED_EARLY, Solution
-from stage_solver.stage_problem import Plan
+from stage_solver.stage_problem import Multipliers, Plan
 
-PLAN = Plan(np.zeros((3, 9)), np.zeros((2, 4)))
-OTHER = Plan(np.ones((3, 9)), np.ones((2, 4)))
-
-
-def outcome(status=SOLVED, residual=1e-9, plan=PLAN):
-    return Solution(plan, 1.0, status, 'message', 5, residual, 1e-9, 0.01)
-
-
-BAD = outcome(FAILED)
-
-
-class Logic:
-    """The plans of successive ticks."""
-
-    def __init__(self, params):
-        self.params, self.plans = params, Plans()
-
-    def decide(self, *arguments, **options):
-        self.plans, decision = self.plans.decide(self.params, *arguments, **options)
-        return decision
-
-    def follow_shifted(self, *arguments):
-        self.plans, decision = self.plans.follow_shifted(self.params, *arguments)
-        return decision
-
-    def brake(self, *arguments):
-        self.plans, decision = self.plans.brake(*arguments)
-        return decision
-
-    @property
-    def plan(self):
-        return self.plans.plan
-
-    @property
-    def is_warm(self):
-        return self.plans.is_warm(self.params)
-
-    @property
-    def guiding_plan(self):
-        return self.plans.guide(self.params)
+TICK = 50_000_000
+RULES = Fallback(
+    acceptable_residual=1e-3,
+    max_plan_age=3,
+    failures_to_cold_start=2,
+    max_guide_age=5,
+    max_state_age_s=0.2,
+    recovery=None,
+)
 
 
-@pytest.fixture
-def logic(params):
-    return Logic(dataclasses.replace(params.fallback, max_guide_age=8))
+def solution(status=SOLVED, residual=1e-9, **plan):
+    values = {'X': np.zeros((3, 9)), 'U': np.zeros((2, 4))} | plan
+    return Solution(Plan(**values), 1.0, status, '', 5, residual, 1e-9, 0.01)
 
 
-def state(logic):
-    return tuple(logic.plans)
-
-
-def test_initially_there_is_no_plan_to_follow_no_guiding_plan_and_no_warm_start(logic):
-    assert state(logic) == (None, 0, 0, None, 0)
-    assert not logic.is_warm
-    assert logic.guiding_plan is None
-
-
-def test_levels_and_reasons_have_their_documented_names():
-    assert (SHIFTED, BRAKING) == ('shifted', 'braking')
-    assert fallback.USABLE == {
-        'solved': ('solved', 'converged'),
-        'one_step': ('solved', 'one_step'),
-        'stopped_early': ('stopped_early', 'good_enough'),
-    }
-
-
-def test_a_solved_plan_is_followed(logic):
-    assert logic.decide(outcome(), None) == (SOLVED, 'converged', PLAN)
-    assert logic.is_warm
-    assert state(logic) == (PLAN, 0, 0, PLAN, 0)
-    assert logic.guiding_plan is PLAN
-
-
-def test_the_plan_of_one_step_is_followed_like_a_solved_one(logic):
-    # the solver has checked the residual against its own limit
-    one_step = outcome(ONE_STEP, residual=1.0)
-    assert logic.decide(one_step, None) == (SOLVED, 'one_step', PLAN)
-    assert state(logic) == (PLAN, 0, 0, PLAN, 0)
-
-
-@pytest.mark.parametrize('residual', [0.0, 1e-4, 1e-3])
-def test_a_plan_stopped_early_is_followed_when_it_is_nearly_feasible(logic, residual):
-    decision = logic.decide(outcome(STOPPED_EARLY, residual), OTHER)
-    assert decision == (STOPPED_EARLY, 'good_enough', PLAN)
-    assert state(logic) == (PLAN, 0, 0, PLAN, 0)
-
-
-def test_a_status_is_compared_by_value_not_by_identity(logic):
-    assert logic.decide(outcome('SOLVED'.lower()), None).reason == 'converged'
-    early = outcome('STOPPED_EARLY'.lower())
-    assert logic.decide(early, None, None).reason == 'good_enough'
-
-
-FAULTS = [
-    (outcome(FAILED), 'solver_failed'),
-    (outcome('aborted'), 'solver_failed'),
-    (outcome('unknown'), 'solver_failed'),
-    (outcome(STOPPED_EARLY, residual=1.01e-3), 'plan_not_feasible'),
-    (outcome(STOPPED_EARLY, residual=np.inf), 'plan_not_feasible'),
-    (outcome(STOPPED_EARLY, residual=np.nan), 'plan_not_feasible'),
-    (outcome(plan=PLAN._replace(U=PLAN.U * np.nan)), 'plan_not_finite'),
-    (outcome(plan=PLAN._replace(X=PLAN.X + np.inf)), 'plan_not_finite'),
-    (outcome(FAILED, plan=PLAN._replace(X=PLAN.X * np.nan)), 'plan_not_finite'),
+GOOD = [
+    (solution(), (SOLVED, 'converged')),
+    (solution(ONE_STEP, 1.0), (SOLVED, 'one_step')),  # by the limit of the solver
+    (solution(STOPPED_EARLY, 0.0), (STOPPED_EARLY, 'good_enough')),
+    (solution(STOPPED_EARLY, 1e-3), (STOPPED_EARLY, 'good_enough')),
+]
+BAD = [
+    (solution(FAILED), 'solver_failed'),
+    (solution('aborted'), 'solver_failed'),
+    (solution(STOPPED_EARLY, 1.01e-3), 'plan_not_feasible'),
+    (solution(STOPPED_EARLY, np.inf), 'plan_not_feasible'),
+    (solution(STOPPED_EARLY, np.nan), 'plan_not_feasible'),
+    (solution(U=np.full((2, 4), np.nan)), 'plan_not_finite'),
+    (solution(X=np.full((3, 9), np.inf)), 'plan_not_finite'),
+    (solution(FAILED, X=np.full((3, 9), np.nan)), 'plan_not_finite'),
 ]
 
 
-@pytest.mark.parametrize(('solution', 'reason'), FAULTS)
-def test_a_bad_solution_is_replaced_by_the_shifted_last_plan(logic, solution, reason):
-    logic.decide(outcome(), None)
-    assert logic.decide(solution, OTHER) == (SHIFTED, reason, OTHER)
-    assert state(logic) == (OTHER, 1, 1, PLAN, 1)
+class Ladder(RuleBasedStateMachine):
+    """Ticks of every kind in any order, beside the counts that the rules are written in."""
+
+    def __init__(self):
+        super().__init__()
+        self.plans, self.followed, self.good = Plans(), None, None
+        self.shifts = self.failures = self.since_good = 0
+
+    def shifted(self):
+        return None if self.followed is None else Plan(self.followed.X + 1, self.followed.U)
+
+    def expect(self, outcome, level, reason, plan=None):
+        """Check a decision; note what is followed from now on."""
+        self.plans, decision = outcome
+        assert decision == (level, reason, plan)
+        self.followed = plan
+        self.shifts = self.shifts + 1 if level == SHIFTED else 0
+        self.since_good += 1
+
+    def expect_no_solution(self, outcome, reason, shifted, objection=''):
+        if shifted is None or self.shifts >= RULES.max_plan_age:
+            self.expect(outcome, BRAKING, reason)
+        elif objection:
+            self.expect(outcome, BRAKING, objection)
+        else:
+            self.expect(outcome, SHIFTED, reason, shifted)
+
+    @rule(good=st.sampled_from(GOOD), objection=st.sampled_from(['', 'plan_touches']))
+    def solve(self, good, objection):
+        solved, expected = good
+        outcome = self.plans.decide(
+            RULES,
+            solved,
+            self.shifted(),
+            False,
+            lambda plan: objection if plan is solved.plan else 'no',
+        )
+        self.failures = 0
+        if objection:
+            self.expect(outcome, BRAKING, objection)
+        else:
+            self.expect(outcome, *expected, solved.plan)
+            self.good, self.since_good = solved.plan, 0
+
+    @rule(bad=st.sampled_from(BAD), objection=st.sampled_from(['', 'plan_touches']))
+    def fail(self, bad, objection):
+        shifted = self.shifted()
+        outcome = self.plans.decide(
+            RULES, bad[0], shifted, False, lambda plan: objection if plan is shifted else 'no'
+        )
+        self.failures += 1
+        self.expect_no_solution(outcome, bad[1], shifted, objection)
+
+    @rule(bad=st.sampled_from(BAD))
+    def fail_in_a_slide(self, bad):
+        """Such a car is not where the last plan wanted it."""
+        self.failures += 1
+        self.expect(self.plans.decide(RULES, bad[0], self.shifted(), True), RECOVERY, bad[1])
+
+    @rule()
+    def lose_the_state(self):
+        """No failure of the solver."""
+        shifted = self.shifted()
+        outcome = self.plans.follow_shifted(RULES, 'state_stale', shifted)
+        self.expect_no_solution(outcome, 'state_stale', shifted)
+
+    @rule(sliding=st.booleans())
+    def brake(self, sliding):
+        outcome = self.plans.brake('too_slow', sliding)
+        self.expect(outcome, RECOVERY if sliding else BRAKING, 'too_slow')
+
+    @rule()
+    def reject_a_command(self):
+        self.plans = self.plans.discard()
+        self.followed = self.good = None
+        self.shifts = 0
+
+    @invariant()
+    def what_is_left_follows_from_the_counts(self):
+        plans = self.plans
+        assert plans.plan is self.followed
+        assert (plans.age, plans.failures) == (self.shifts, self.failures)
+        is_warm = self.followed is not None and self.failures < RULES.failures_to_cold_start
+        assert plans.is_warm(RULES) == is_warm
+        guide = self.good if self.since_good <= RULES.max_guide_age else None
+        assert plans.guide(RULES) is guide
 
 
-def test_without_a_last_plan_a_bad_solution_means_braking(logic):
-    assert logic.decide(BAD, None) == (BRAKING, 'solver_failed', None)
-    assert state(logic) == (None, 0, 1, None, 1)
+TestLadder = Ladder.TestCase
+TestLadder.settings = settings(max_examples=100, stateful_step_count=30, deadline=None)
 
 
-def test_a_plan_is_followed_for_five_ticks_at_most(logic):
-    logic.decide(outcome(), None)
-    levels, ages = [], []
-    for _ in range(7):
-        levels.append(logic.decide(BAD, logic.plan).level)
-        ages.append(logic.plans.age)
-    assert levels == [SHIFTED] * 5 + [BRAKING] * 2
-    assert ages == [1, 2, 3, 4, 5, 0, 0]
-    assert logic.plan is None
+# in the controller: each row forces a level by what the solver does or what the tick is given
 
 
-def test_three_failures_disable_the_warm_start_and_one_success_restores_it(logic):
-    logic.decide(outcome(), None)
-    warm = []
-    for _ in range(3):
-        logic.decide(BAD, logic.plan)
-        warm.append(logic.is_warm)
-    assert warm == [True, True, False]
-    logic.decide(outcome(), logic.plan)
-    assert logic.is_warm
-    assert (logic.plans.failures, logic.plans.age, logic.plans.good_age) == (0, 0, 0)
+def fail(solution):
+    return solution._replace(status=FAILED)
 
 
-def test_the_last_good_plan_guides_the_steering_until_its_maximum_age(logic):
-    logic.decide(outcome(), None)
-    guiding_plans = []
-    for k in range(10):
-        logic.decide(BAD, logic.plan if k < 2 else None)
-        guiding_plans.append(logic.guiding_plan)
-    assert guiding_plans == [PLAN] * 8 + [None] * 2
-    assert logic.plans.good_age == 10
+def early(solution):
+    return solution._replace(status=STOPPED_EARLY, primal_residual=1e-5)
 
 
-def test_braking_discards_the_plan_but_keeps_the_guiding_plan(logic):
-    logic.decide(outcome(), None)
-    logic.follow_shifted('state_not_finite', OTHER)
-    assert logic.brake('too_slow') == (BRAKING, 'too_slow', None)
-    assert state(logic) == (None, 0, 0, PLAN, 2)
-    assert not logic.is_warm
-    assert logic.guiding_plan is PLAN
+def explode(solution):
+    raise RuntimeError('nobody expected this')
 
 
-def test_ticks_without_a_state_count_no_failure_of_the_solver(logic):
-    logic.decide(outcome(), None)
-    decisions = [logic.follow_shifted('state_not_finite', OTHER) for _ in range(6)]
-    assert decisions[:5] == [(SHIFTED, 'state_not_finite', OTHER)] * 5
-    assert decisions[5] == (BRAKING, 'state_not_finite', None)
-    assert logic.plans.failures == 0
+def jump(solution):
+    """Return a solution whose first set-point no actuator can reach."""
+    X = solution.plan.X.copy()
+    X[1, 7] += 0.3
+    return solution._replace(plan=solution.plan._replace(X=X))
 
 
-def test_a_plan_whose_command_was_rejected_neither_is_followed_nor_guides_the_steering(logic):
-    logic.decide(outcome(), None)
-    logic.decide(BAD, OTHER)
-    logic.plans = logic.plans.discard()
-    assert state(logic) == (None, 0, 1, None, 1)
-    assert logic.guiding_plan is None
-    assert logic.decide(outcome(), None).level == SOLVED
-    assert logic.guiding_plan is PLAN
+def decision(why):
+    """Return level, reason and the line that the car brakes along."""
+    return why.values['rung'], why.values['reason'], why.values.get('guide')
+
+
+@pytest.fixture
+def step(controller, world, modify_solver):
+    """Return a function that answers the state of a tick; every report obeys the contract."""
+
+    def answer(k, X=None, modify=lambda solution: solution, known=True, fault='', **changes):
+        modify_solver(modify)
+        x = world.rolling(X=25.0 + k if X is None else X, stamp_ns=(k + 1) * TICK)._replace(
+            **changes
+        )
+        x = x if known else unknown_state(x.stamp_ns)
+        command, prediction, why = world.tick(controller, x, fault=fault)
+        assert not conformance.check('/controller/why', encode.why(why))
+        return SimpleNamespace(
+            command=command,
+            force=command.Fxf + command.Fxr,
+            prediction=prediction,
+            why=why,
+            decision=decision(why),
+        )
+
+    return answer
 
 
 @pytest.mark.parametrize(
-    ('solution', 'objected'), [(outcome(), PLAN), (BAD, OTHER)], ids=['solved', 'shifted']
+    ('tick', 'expected'),
+    [
+        ({}, (SOLVED, 'converged', None)),
+        ({'modify': early}, (STOPPED_EARLY, 'good_enough', None)),
+        ({'modify': fail}, (BRAKING, 'solver_failed', 'path')),
+        ({'known': False, 'fault': 'state_stale'}, (BRAKING, 'state_stale', 'none')),
+    ],
 )
-def test_a_plan_with_an_objection_is_not_followed_whatever_level_it_is_from(
-    logic, solution, objected
+def test_the_level_of_a_first_tick(step, tick, expected):
+    answer = step(0, X=45.0, Y=-0.5, **tick)
+    assert answer.decision == expected
+    if expected[0] == BRAKING:
+        assert answer.force < 0
+        assert len(answer.prediction.X) == bool(tick.get('known', True))
+        back_to_the_path = answer.command.delta > 0.005  # which bends to the left
+        assert back_to_the_path if tick.get('known', True) else answer.command.delta == 0.0
+
+
+@pytest.mark.parametrize('missing', ['path', 'road', 'obstacles'])
+def test_the_reason_names_an_input_that_is_missing(controller, step, missing):
+    controller.scene = controller.scene._replace(**{missing: None})
+    answer = step(0)
+    assert answer.decision == (BRAKING, f'no_{missing}', 'none' if missing == 'path' else 'path')
+    assert answer.command.Fxf < 0
+
+
+@pytest.mark.parametrize(
+    ('tick', 'reason'),
+    [
+        ({'modify': fail}, 'solver_failed'),
+        ({'modify': explode}, 'solver_failed'),
+        ({'known': False}, 'state_not_finite'),
+        ({'known': False, 'fault': 'state_stale'}, 'state_stale'),
+    ],
+)
+def test_the_last_plan_goes_on_for_five_ticks_then_the_car_brakes_along_it(
+    controller, step, tick, reason
 ):
-    logic.decide(outcome(), None)
+    step(0, X=40.0)
+    planned = controller.memory.plans.plan.X[:, 7]
+    answers = [step(k, X=40.0 + 0.2 * k, **tick) for k in range(1, 8)]
+    assert [a.decision for a in answers[:5]] == [(SHIFTED, reason, None)] * 5
+    assert [a.decision for a in answers[5:]] == [(BRAKING, reason, 'plan')] * 2
+    assert [a.command.delta for a in answers[:5]] == pytest.approx(planned[2:7], abs=1e-9)
+    assert [len(a.prediction.X) for a in answers] == [51] * 5 + [1] * 2
+    assert answers[6].force < answers[5].force < 0
+    if 'modify' in tick:
+        assert [a.why.values['plan.age'] for a in answers] == [1, 2, 3, 4, 5, 0, 0]
+    if tick.get('modify') is explode:
+        assert answers[0].why.values['solver.message'] == 'nobody expected this'
+    assert not controller.memory.rejections
+    assert step(8, X=42.0).decision[0] == SOLVED
 
-    def objection(plan):
-        return 'plan_touches' if plan is objected else ''
 
-    decision = logic.decide(solution, OTHER, objection=objection)
-    assert decision == (BRAKING, 'plan_touches', None)
-    assert logic.plan is None
-    assert logic.guiding_plan is PLAN  # to steer along while braking
-
-
-def test_without_objection_the_same_plans_are_followed(logic):
-    logic.decide(outcome(), None)
-    decision = logic.decide(BAD, OTHER, objection=lambda plan: '')
-    assert decision == (SHIFTED, 'solver_failed', OTHER)
+def test_when_the_last_plan_is_too_old_the_car_brakes_along_the_path(controller, step):
+    step(0)
+    lines = [step(k, X=25.0 + 0.2 * k, modify=fail).decision[2] for k in range(1, 34)]
+    oldest = controller.params.fallback.max_guide_age
+    assert lines == [None] * 5 + ['plan'] * (oldest - 5) + ['path'] * (33 - oldest)
 
 
-def test_a_sliding_car_without_a_solution_is_recovered_and_follows_no_old_plan(logic):
-    logic.decide(outcome(), None)
-    assert logic.decide(BAD, OTHER, sliding=True) == (RECOVERY, 'solver_failed', None)
-    assert logic.plan is None
+def test_the_least_speed_has_a_hysteresis_and_the_braking_car_steers_and_reports(controller, step):
+    decisions = []
+    for k, v in enumerate((7.2, 6.9, 7.5, 7.9, 8.1)):
+        answer = step(k, X=60.0 + 0.3 * k, Y=2.0, psi=0.1, vx=v)
+        decisions.append(answer.decision)
+        if k == 1:
+            assert answer.command.delta != 0
+            values = answer.why.values
+            gap = np.hypot(60.3 - 72.0, 2.0 - 1.5) - 1.0 - 1.1
+            assert values['v2o.1'] == pytest.approx(gap, abs=1e-5)
+            assert values['v2e.left'] == pytest.approx(6.0 - 2.0 - 1.1, abs=1e-3)
+            assert values['v2e.right'] == pytest.approx(2.0 + 2.5 - 1.1, abs=1e-3)
+            assert values['set_point.delta'] == controller.active_ramp.begin.delta
+    assert [d[0] for d in decisions] == [SOLVED, BRAKING, BRAKING, BRAKING, SOLVED]
+    assert decisions[1] == (BRAKING, 'too_slow', 'plan')
+
+
+def test_past_the_end_of_the_path_the_car_brakes_straight_ahead(controller, step):
+    X, Y = (column[-1] for column in controller.scene.path.arcs[:2])
+    assert step(0, X=X - 1.0, Y=Y).decision[0] == SOLVED
+    answer = step(1, X=X + 1.0, Y=Y)
+    assert answer.decision[:2] == (BRAKING, 'path_ended')
+    assert answer.force < 0
+    assert abs(answer.command.delta) < 0.01
+
+
+@pytest.mark.parametrize('fault', ['obstacles_stale', 'reference_stale', 'edges_stale'])
+def test_with_stale_surroundings_it_brakes_along_the_last_plan_and_starts_cold(step, fault):
+    step(0)
+    braking = step(1, fault=fault)
+    assert braking.decision == (BRAKING, fault, 'plan')
+    assert 'time.solve_ms' not in braking.why.values
+    again = step(2)
+    assert again.decision[:2] == (SOLVED, 'converged')
+    assert not again.why.values['solver.warm']
+
+
+def test_a_stale_state_that_is_noticed_late_is_answered_with_the_plan_of_now(controller, step):
+    for k in range(8):
+        step(k, X=40.0 + k)
+    steering = controller.memory.plans.plan.X[:, 7]
+    answer = step(9, known=False, fault='state_stale')
+    assert answer.decision == (SHIFTED, 'state_stale', None)
+    assert answer.command.delta == pytest.approx(steering[3], abs=1e-9)
+
+
+def test_a_car_that_nobody_measures_any_more_stays_on_its_line_by_dead_reckoning(
+    controller, world, step
+):
+    limits, advance = controller.params.limits, world.make_car(controller.car)
+    x = State(40.0, 0.0, 0.0, 20.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    answers, states = [], []
+    for k in range(60):
+        known = k < 10
+        changes = VehicleState((k + 1) * TICK, *x[:6])._asdict() if known else {}
+        changes.pop('X', None)
+        fault = '' if known else 'state_stale'
+        answers.append(step(k, X=x.X, known=known, fault=fault, **changes))
+        assert answers[-1].why.values['gate'] == 'passed'
+        x = advance(x, answers[-1].command)
+        states.append(x)
+    decisions, plan = [a.decision for a in answers], answers[9].prediction
+    assert decisions[10:15] == [(SHIFTED, 'state_stale', None)] * 5
+    assert decisions[15:38] == [(BRAKING, 'state_stale', 'plan')] * 23
+    assert decisions[-1] == (BRAKING, 'state_stale', 'none')  # nothing is known any more
+    for there in states[10:40]:
+        assert abs(there.Y - np.interp(there.X, plan.X, plan.Y)) < 0.3
+    forces = [a.force for a in answers]
+    assert np.abs(np.diff(forces)).max() <= limits.force_rate_nps * 0.05 * (1 + 1e-6)
+    assert forces[30] < -8000.0
+    assert states[-1].vx < 5.0
+
+
+def test_after_braking_without_a_state_it_starts_from_the_measured_actuators(controller, step):
+    step(0)
+    step(1, known=False, fault='state_stale')
+    controller.reset(Actuators(3 * TICK, -0.03, 0.0, -3000.0, -1000.0, (0.0,) * 4))
+    answer = step(2)
+    assert answer.decision[:2] == (SOLVED, 'converged')
+    assert answer.why.values['set_point.delta'] == pytest.approx(-0.03)
+    assert answer.why.values['set_point.Fx'] == pytest.approx(-4000.0)
+    turn = controller.params.limits.steer_rate_radps * 0.05
+    assert abs(answer.command.delta + 0.03) <= turn * 1.001
+
+
+# a command that the gate turns back
+
+
+def test_a_command_that_the_gate_rejects_is_replaced_by_braking_along_the_path(controller, step):
+    before = step(0, X=45.0, Y=-0.5)
+    answer = step(1, X=46.0, Y=-0.5, modify=jump)
+    values = answer.why.values
+    assert answer.decision == (BRAKING, 'command_turned_back', 'path')
+    assert (values['gate'], values['gate.rejections'], values['gate.too_fast']) == (
+        'too_fast',
+        1,
+        1,
+    )
+    assert (answer.why.level, len(answer.prediction.X)) == (2, 1)
+    assert answer.force < before.force
+    assert answer.command.delta > before.command.delta  # back to the path
+    assert controller.last_command == answer.command
+
+
+def test_after_a_second_rejection_the_last_command_is_held(step, monkeypatch):
+    before = step(0, X=45.0, Y=-0.5).command
+    monkeypatch.setattr(Gate, '_in_rate', lambda self, command, last: False)
+    answer = step(1, X=46.0, Y=-0.5, modify=jump)
+    assert (answer.why.values['gate'], answer.why.values['gate.rejections']) == ('too_fast', 2)
+    assert (answer.command.delta, answer.command.d_delta) == (before.delta, 0.0)
+
+
+def test_a_command_out_of_time_neither_releases_the_brakes_nor_costs_the_plan(
+    controller, world, step
+):
+    before = step(0, fault='obstacles_stale')
+    x = world.rolling(X=26.0, stamp_ns=2 * TICK)
+    late, _, why = world.tick(controller, x, fault='obstacles_stale', age_s=0.3)
+    assert why.values['gate'] == 'too_old'
+    assert late.Fxf + late.Fxr == before.force < 0
+    step(2)
+    assert step(2, X=28.0).why.values['gate'] == 'not_newer'  # the same stamp again
+    assert controller.memory.rejections == {'too_old': 1, 'not_newer': 1}
+    held = controller.last_command
+    after = step(4)
+    assert after.why.values['set_point.delta'] == held.delta  # the plan begins at the substitute
+    assert (after.decision[0], after.why.values['solver.warm']) == (SOLVED, True)
+
+
+# the guess of the next solve
+
+
+def test_primal_and_dual_are_shifted_by_one_stage(controller, world, modify_solver):
+    solves = modify_solver()
+    world.tick(controller, world.rolling(X=25.0))
+    old = solves.solutions[-1].plan
+    world.tick(controller, world.rolling(X=26.0, stamp_ns=TICK))
+    guess = solves.guesses[-1]
+    assert np.array_equal(guess.X[1:-1, :6], old.X[2:, :6])
+    assert np.array_equal(guess.U[:-1], old.U[1:])
+    for name in set(Multipliers._fields) - {'h'}:
+        moved, before = getattr(guess.multipliers, name), getattr(old.multipliers, name)
+        assert np.array_equal(moved[:-1], before[1:]), name
+        assert np.array_equal(moved[-1], before[-1]), name
+    assert np.array_equal(guess.multipliers.h, old.multipliers.h)
+
+
+def test_failures_drop_first_the_dual_and_after_three_the_primal_warm_start(
+    controller, world, modify_solver
+):
+    world.tick(controller, world.rolling(X=25.0))
+    solves = modify_solver(fail)
+    ticks = [world.rolling(X=25.0 + k, stamp_ns=k * TICK) for k in range(1, 5)]
+    warm = [world.tick(controller, x)[2].values['solver.warm'] for x in ticks]
+    assert warm == [True, True, True, False]
+    assert [g.multipliers is None for g in solves.guesses] == [False, True, True, True]
+    # the guess along the path has no side slip; a shifted plan has
+    vy = [np.abs(g.X[1:, 4]).max() for g in solves.guesses]
+    assert min(vy[:3]) > 0
+    assert vy[3] == 0

@@ -6,147 +6,116 @@ from mpcc_controller.driving import trigger
 
 TICK, MS = 50_000_000, 1_000_000
 START = 1_000_000_000
+STEP, AGAIN, FIRST = (True, False, False), (False, True, False), (True, False, True)
+NOTHING = trigger.NOTHING
 
 
-def lockstep_at(stamp):
-    state_trigger = trigger.make('lockstep', 0.05)
-    state_trigger.on_actuators(stamp)
-    return state_trigger
+@pytest.fixture(params=['lockstep', 'realtime'])
+def either(request):
+    return trigger.make(request.param, 0.05)
 
 
-def test_lockstep_waits_for_obstacles_of_the_same_instant():
-    state_trigger = lockstep_at(START)
-    assert state_trigger.on_state(START)
-    state_trigger.on_obstacles(START - TICK)
-    assert state_trigger.due() == trigger.NOTHING
-    state_trigger.on_obstacles(START)
-    assert state_trigger.due() == (True, False, True)
-    assert state_trigger.due() == trigger.NOTHING
+@pytest.fixture
+def lockstep():
+    started = trigger.make('lockstep', 0.05)
+    started.on_actuators(START)
+    return started
 
 
-def test_lockstep_accepts_state_and_obstacles_in_either_order():
-    state_trigger = lockstep_at(START)
-    state_trigger.on_obstacles(START)
-    assert state_trigger.due() == trigger.NOTHING
-    state_trigger.on_state(START)
-    assert state_trigger.due().step
+@pytest.fixture
+def realtime():
+    started = trigger.make('realtime', 0.05)
+    started.on_actuators(START)
+    return started
 
 
-def test_lockstep_starts_with_the_actuators_of_the_first_state():
-    state_trigger = trigger.make('lockstep', 0.05)
-    state_trigger.on_state(START)
-    state_trigger.on_obstacles(START)
-    assert state_trigger.due() == trigger.NOTHING
-    state_trigger.on_actuators(START)
-    assert state_trigger.due() == (True, False, True)
+def receive(started, stamp):
+    """Return what is due after state and obstacles of an instant."""
+    started.on_state(stamp)
+    started.on_obstacles(stamp)
+    return started.due()
 
 
-def test_lockstep_answers_later_states_with_their_actuators_where_these_come():
-    state_trigger = lockstep_at(START)
+def test_lockstep_waits_for_obstacles_of_the_same_instant_in_either_order(lockstep):
+    assert lockstep.on_state(START)
+    lockstep.on_obstacles(START - TICK)
+    assert lockstep.due() == NOTHING
+    lockstep.on_obstacles(START)
+    assert lockstep.due() == FIRST
+    lockstep.on_obstacles(START + TICK)
+    assert lockstep.due() == NOTHING
+    lockstep.on_state(START + TICK)
+    assert lockstep.due() == STEP
+    assert lockstep.due() == NOTHING
+
+
+def test_lockstep_answers_later_states_with_their_actuators_where_these_come(lockstep):
     for k, comes in enumerate((True, True, False)):
-        stamp = START + k * TICK
-        state_trigger.with_states = comes
-        state_trigger.on_state(stamp)
-        state_trigger.on_obstacles(stamp)
+        lockstep.with_states = comes
+        due = receive(lockstep, START + k * TICK)
         if comes and k:
-            assert state_trigger.waits_for_actuators
-            assert state_trigger.due() == trigger.NOTHING
-            state_trigger.on_actuators(stamp)
-        assert not state_trigger.waits_for_actuators
-        assert state_trigger.due() == (True, False, k == 0)
+            assert lockstep.waits_for_actuators
+            assert due == NOTHING
+            lockstep.on_actuators(START + k * TICK)
+            due = lockstep.due()
+        assert not lockstep.waits_for_actuators
+        assert due == (STEP if k else FIRST)
 
 
-def test_lockstep_ignores_states_between_ticks():
-    state_trigger = lockstep_at(START)
-    assert not state_trigger.on_state(START + 7 * MS)
-    assert state_trigger.on_state(START + TICK)
+def test_lockstep_ignores_states_between_ticks_and_repeats_the_answer_to_a_repeated_one(lockstep):
+    assert not lockstep.on_state(START + 7 * MS)
+    assert receive(lockstep, START) == FIRST
+    assert receive(lockstep, START) == AGAIN
+    assert receive(lockstep, START + TICK) == STEP
+    assert lockstep.age_s(START + 4 * TICK) == 0
 
 
-def test_a_repeated_state_repeats_the_answer():
-    state_trigger = lockstep_at(START)
-    for wanted in (True, False):
-        state_trigger.on_state(START)
-        state_trigger.on_obstacles(START)
-        assert state_trigger.due() == (wanted, not wanted, wanted)
+def test_when_time_goes_back_the_controller_restarts(lockstep):
+    receive(lockstep, START)
+    receive(lockstep, START + TICK)
+    lockstep.on_actuators(START)
+    assert receive(lockstep, START) == FIRST
 
 
-def test_ticks_after_the_first_are_no_restart():
-    state_trigger = lockstep_at(START)
-    for k in range(3):
-        state_trigger.on_state(START + k * TICK)
-        state_trigger.on_obstacles(START + k * TICK)
-        assert state_trigger.due() == (True, False, k == 0)
-
-
-def test_when_time_goes_back_the_controller_restarts():
-    state_trigger = lockstep_at(START)
-    for stamp in (START + TICK, START):
-        state_trigger.on_state(stamp)
-        state_trigger.on_obstacles(stamp)
-        state_trigger.on_actuators(stamp)
-        assert state_trigger.due().restart
-
-
-def test_realtime_answers_the_first_state_of_each_tick():
-    state_trigger = trigger.make('realtime', 0.05)
-    state_trigger.on_actuators(START)
+def test_realtime_answers_the_first_state_of_each_tick_and_none_that_is_late(realtime):
     answered = []
     for k in range(0, 160, 3):
-        if state_trigger.on_state(START + k * MS) and state_trigger.due().step:
+        if realtime.on_state(START + k * MS) and realtime.due().step:
             answered.append(k)
     assert answered == [0, 51, 102, 150]
+    assert realtime.age_s(START + 154 * MS) == pytest.approx(0.004)
+    for ms in (0, 149, 150, 199):
+        assert not realtime.on_state(START + ms * MS)
+    assert realtime.on_state(START + 200 * MS)
+    assert realtime.due() == STEP
 
 
-def test_realtime_waits_for_the_actuators_and_returns_the_age_of_its_state():
-    state_trigger = trigger.make('realtime', 0.05)
-    assert state_trigger.on_state(START)
-    assert state_trigger.due() == trigger.NOTHING
-    state_trigger.on_actuators(START - MS)
-    assert state_trigger.due() == (True, False, True)
-    assert state_trigger.age_s(START + 4 * MS) == pytest.approx(0.004)
-    assert lockstep_at(START).age_s(START + 4 * MS) == 0
+def test_realtime_takes_actuators_of_about_the_time_of_the_first_state(realtime):
+    realtime.on_state(START + TICK + MS)
+    assert realtime.due() == NOTHING
+    realtime.on_actuators(START + MS)
+    assert realtime.due() == FIRST
 
 
-def test_in_realtime_a_late_or_repeated_state_is_not_answered():
-    state_trigger = trigger.make('realtime', 0.05)
-    state_trigger.on_actuators(START)
-    state_trigger.on_state(START + TICK)
-    assert state_trigger.due() == (True, False, True)
-    for stamp in (START, START + TICK - MS, START + TICK, START + TICK + 49 * MS):
-        assert not state_trigger.on_state(stamp)
-    assert state_trigger.on_state(START + 2 * TICK)
-    assert state_trigger.due() == (True, False, False)
+def test_after_a_command_without_a_state_the_next_one_starts_from_fresh_actuators(realtime):
+    realtime.on_state(START)
+    realtime.due()
+    assert not realtime.is_next(START + TICK - 1)
+    assert realtime.is_next(START + TICK)
+    realtime.on_lost(START + 4 * TICK + MS)
+    assert not realtime.is_next(START + 5 * TICK)
+    assert not realtime.on_state(START + 4 * TICK + 2 * MS)
+    assert realtime.on_state(START + 5 * TICK)
+    assert realtime.due() == NOTHING
+    realtime.on_actuators(START + 5 * TICK)
+    assert realtime.due() == FIRST
 
 
-def test_after_a_command_without_a_state_the_next_one_starts_from_fresh_actuators():
-    state_trigger = trigger.make('realtime', 0.05)
-    state_trigger.on_actuators(START)
-    state_trigger.on_state(START)
-    state_trigger.due()
-    assert not state_trigger.is_next(START + TICK - 1)
-    assert state_trigger.is_next(START + TICK)
-    state_trigger.on_lost(START + 4 * TICK + MS)
-    assert not state_trigger.is_next(START + 5 * TICK)
-    assert not state_trigger.on_state(START + 4 * TICK + 2 * MS)
-    assert state_trigger.on_state(START + 5 * TICK)
-    assert state_trigger.due() == trigger.NOTHING
-    state_trigger.on_actuators(START + 5 * TICK)
-    assert state_trigger.due() == (True, False, True)
-
-
-@pytest.mark.parametrize('mode', ['lockstep', 'realtime'])
-def test_after_a_lost_state_the_trigger_waits_for_new_actuators(mode):
-    state_trigger = trigger.make(mode, 0.05)
-
-    def receive(stamp):
-        state_trigger.on_state(stamp)
-        state_trigger.on_obstacles(stamp)
-
-    receive(START)
-    state_trigger.on_actuators(START)
-    assert state_trigger.due() == (True, False, True)
-    state_trigger.on_lost(START)
-    receive(START + TICK)
-    assert state_trigger.due() == trigger.NOTHING
-    state_trigger.on_actuators(START + TICK)
-    assert state_trigger.due() == (True, False, True)
+@pytest.mark.parametrize('end', ['lost', 'restart'])
+def test_at_a_start_and_after_a_break_the_trigger_waits_for_new_actuators(either, end):
+    for k in (0, 1):
+        stamp = START + k * TICK
+        assert receive(either, stamp) == NOTHING
+        either.on_actuators(stamp)
+        assert either.due() == FIRST
+        either.on_lost(stamp) if end == 'lost' else either.restart()

@@ -1,0 +1,179 @@
+"""What the controller takes for the world: measured with errors, remembered when it vanishes."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mpcc_controller.driving import obstacle_perception
+from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.measurement_errors import measured_obstacles, measured_state
+from mpcc_controller.driving.obstacle_perception import Sightings
+from mpcc_controller.driving.records import unknown_state
+from mpcc_controller.parameters import MeasurementErrors
+from mpcc_controller.problem.obstacle_motion import ExpectedObstacle, position
+from mpcc_controller.problem.stage_parameters import Scene
+from msgs_yaml.types import Obstacle, Obstacles, VehicleState
+
+NONE = MeasurementErrors(
+    **dict.fromkeys(field.name for field in dataclasses.fields(MeasurementErrors))
+)
+TICK_NS, MS = 50_000_000, 1_000_000
+EGO = VehicleState(TICK_NS, 10.0, -2.0, 0.3, 20.0, 0.5, 0.2)
+WORLD = Obstacles(
+    TICK_NS, (Obstacle(1, 40.0, 0.0, 1.0, 0.0, 0.0), Obstacle(2, 90.0, 1.0, 2.0, 0.0, 0.0))
+)
+
+
+def errors(**values):
+    return dataclasses.replace(NONE, **values)
+
+
+def see(stamp_ns, params, ego=EGO):
+    return measured_obstacles(WORLD, ego, stamp_ns, params).items
+
+
+def test_without_errors_nothing_is_changed():
+    assert measured_state(EGO, errors(seed=3)) is EGO
+    assert measured_obstacles(WORLD, EGO, TICK_NS, errors(seed=3)) is WORLD
+
+
+biases = st.floats(-0.3, 0.3)
+
+
+@given(st.floats(-7.0, 7.0), biases, biases, biases, biases, biases)
+def test_each_bias_has_its_meaning(psi, ahead, left, yaw, angle, share):
+    """That of the position is in the frame of the car; the sideslip does not change the speed."""
+    truth = EGO._replace(psi=psi)
+    position = {'ahead_bias_m': ahead, 'left_bias_m': left, 'yaw_bias_rad': yaw}
+    x = measured_state(truth, errors(**position, sideslip_bias_rad=angle, speed_error=share))
+    offset = complex(x.X - truth.X, x.Y - truth.Y) * np.exp(-1j * psi)
+    assert offset == pytest.approx(complex(ahead, left), abs=1e-9)
+    velocity = (1 + share) * np.exp(1j * angle) * complex(EGO.vx, EGO.vy)
+    assert complex(x.vx, x.vy) == pytest.approx(velocity)
+    assert (x.psi - psi, x.r) == pytest.approx((yaw, EGO.r), abs=1e-9)
+
+
+def test_the_noise_has_its_deviations_and_is_white():
+    deviations = {
+        'position_noise_m': 0.1,
+        'yaw_noise_rad': 0.01,
+        'speed_noise_mps': 0.3,
+        'lateral_speed_noise_mps': 0.2,
+        'yaw_rate_noise_radps': 0.02,
+    }
+    params, truth = errors(seed=5, **deviations), EGO._replace(psi=0.0)
+    states = [measured_state(truth._replace(stamp_ns=k * TICK_NS), params) for k in range(2000)]
+    noise = (np.array(states) - truth)[:, 1:] / (0.1, 0.1, 0.01, 0.3, 0.2, 0.02)
+    assert np.mean(noise, axis=0) == pytest.approx(np.zeros(6), abs=0.1)
+    assert np.cov(noise.T) == pytest.approx(np.eye(6), abs=0.13)
+    assert np.mean(noise[1:] * noise[:-1], axis=0) == pytest.approx(np.zeros(6), abs=0.1)
+
+
+def test_the_errors_of_a_stamp_are_always_the_same_and_of_a_seed_its_own():
+    first, again, other = (
+        errors(seed=seed, speed_noise_mps=0.3, obstacle_noise_m=0.2) for seed in (1, 1, 2)
+    )
+    assert measured_state(EGO, first) == measured_state(EGO, again) != measured_state(EGO, other)
+    assert see(7, first) == see(7, again) != see(7, other)
+
+
+def test_obstacles_beyond_the_range_are_not_seen():
+    assert [o.id for o in see(0, errors(obstacle_range_m=50.0))] == [1]
+    # the range ends at the surface, 2 m before the centre
+    assert [o.id for o in see(0, errors(obstacle_range_m=78.1))] == [1, 2]
+    unknown = unknown_state(0)
+    assert len(see(0, errors(obstacle_range_m=1.0), unknown)) == 2
+
+
+@settings(max_examples=3)
+@given(share=st.floats(0.05, 0.95), seed=st.integers(0, 2**31 - 1))
+def test_obstacles_drop_out_for_their_share_of_the_time_each_on_its_own(share, seed):
+    params = errors(obstacle_dropout=share, obstacle_dropout_s=0.1, seed=seed)
+    ids = [{o.id for o in see(k * TICK_NS, params)} for k in range(800)]
+    periods = np.array([[key in seen for key in (1, 2)] for seen in ids]).reshape(-1, 2, 2)
+    assert np.all(periods == periods[:, :1])  # 0.1 s at a time
+    gone = ~periods[:, 0]
+    assert np.mean(gone, axis=0) == pytest.approx([share] * 2, abs=0.15)
+    assert np.mean(np.all(gone, axis=1)) == pytest.approx(share**2, abs=0.15)
+
+
+def test_the_controller_plans_from_what_it_measures(world):
+    options = {'left_bias_m': 0.3, 'obstacle_range_m': 30.0}
+    params, vehicle = world.load(**{f'measurement_errors__{k}': v for k, v in options.items()})
+    controller = world.set_inputs(Controller(params, vehicle), world.lane_change())
+    command, prediction, why = world.tick(controller, world.rolling(X=20.0, stamp_ns=TICK_NS))
+    assert (prediction.X[0], prediction.Y[0]) == pytest.approx((20.0, 0.3))
+    assert command.stamp_ns == why.stamp_ns == TICK_NS
+    assert 'v2o.1' not in why.values  # 50 m ahead
+    *_, why = world.tick(controller, world.rolling(X=45.0, stamp_ns=2 * TICK_NS))
+    assert 'v2o.1' in why.values
+
+
+# what vanishes from the message
+
+MEMORY_MS = 300
+CAR = Obstacle(id=3, X=10.0, Y=-2.0, r_obs=1.05, vX=12.0, vY=-5.0)
+CONE = Obstacle(id=4, X=30.0, Y=1.0, r_obs=0.3, vX=0.0, vY=0.0)
+
+
+class Seen:
+    """What is known of obstacles from message to message, in no path and on no road."""
+
+    def __init__(self, params, memory_s=MEMORY_MS / 1000):
+        surroundings = dataclasses.replace(params.surroundings, memory_s=memory_s)
+        self.params = dataclasses.replace(params, surroundings=surroundings)
+        self.sightings = Sightings(unknown_state(0))
+
+    def known(self, seen):
+        scene, now = Scene(None, None, seen), (seen.stamp_ns, self.params)
+        state = self.sightings.true_state
+        self.sightings = obstacle_perception.observe(self.sightings, scene, state, *now)
+        return obstacle_perception.scene_known(self.sightings, scene, *now).obstacles
+
+
+def message(at_ms, *items):
+    return Obstacles(at_ms * MS, items)
+
+
+@settings(max_examples=30)
+@given(
+    missed_ms=st.integers(1, MEMORY_MS),
+    braking=st.one_of(st.none(), st.floats(0.5, 10.0)),
+)
+def test_an_obstacle_that_vanishes_goes_on_as_it_was_expected_to(params, missed_ms, braking):
+    """The reference is the motion over the horizon that was expected when it was seen last."""
+    memory = Seen(params)
+    last = CAR if braking is None else ExpectedObstacle(*CAR, braking=braking)
+    memory.known(message(0, last, CONE))
+    seen, remembered = memory.known(message(missed_ms, CONE)).items
+    assert seen == CONE
+    expected = position(last, missed_ms / 1000)
+    # a braking car counts as standing below 0.5 m/s, at most 0.25 m before it does
+    np.testing.assert_allclose((remembered.X, remembered.Y), expected, atol=0.26 if braking else 0)
+    assert (remembered.id, remembered.r_obs) == (CAR.id, CAR.r_obs)
+
+
+def test_it_is_forgotten_when_the_memory_is_over(params):
+    """Its age counts from when it was last in a message, not from when it was last remembered."""
+    memory = Seen(params)
+    memory.known(message(0, CAR))
+    for at_ms in range(50, MEMORY_MS + 1, 50):
+        for _ in range(2):  # to ask again for the same message changes nothing
+            (remembered,) = memory.known(message(at_ms)).items
+            assert pytest.approx(10 + 12 * at_ms / 1000) == remembered.X
+    assert memory.known(message(MEMORY_MS + 50)).items == ()
+    here = CAR._replace(X=14.0)
+    memory.known(message(400, CAR))
+    assert memory.known(message(450, here, CONE)) == message(450, here, CONE)
+
+
+@pytest.mark.parametrize(('memory_s', 'at_ms'), [(MEMORY_MS / 1000, -50), (None, 50), (0.0, 50)])
+def test_nothing_is_remembered_without_a_memory_or_when_the_clock_is_set_back(
+    params, memory_s, at_ms
+):
+    memory = Seen(params, memory_s)
+    memory.known(message(0, CAR))
+    assert memory.known(message(at_ms)) == message(at_ms)
