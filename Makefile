@@ -129,8 +129,8 @@ budget:
 SAFE := */gate.py,*/fallback.py,*/braking.py,*/last_resort.py,*/recovery.py,*/internal_errors.py,$\
   */parallel_solves.py,*/run_time_parameters.py,*/car_file.py,*/input_monitor.py,*/clocks.py,$\
   */watchdog.py,*/vehicle_plant/health.py,*/vehicle_plant/stepping.py
-SAFE_TESTS := $(foreach name,gate fallback braking last_resort recovery internal_errors parallel_solves \
-    watchdog,tests/mpcc_controller/driving/test_$(name).py) \
+SAFE_TESTS := $(foreach name,gate fallback braking last_resort recovery parallel_solves watchdog,$\
+    tests/mpcc_controller/driving/test_$(name).py) \
   tests/mpcc_controller/test_run_time_parameters.py tests/mpcc_controller/model/test_car_file.py \
   $(foreach name,gate gate_friction stepping plant_health,tests/vehicle_plant/test_$(name).py) \
   tests/node_runtime/test_input_monitor.py tests/node_runtime/test_clocks.py
