@@ -16,8 +16,7 @@ from mpcc_controller.driving.watchdog import (
     OBSTACLES,
     REFERENCE,
     STATE,
-    LockstepWatchdog,
-    RealtimeWatchdog,
+    Watchdog,
 )
 from msgs_yaml import decode, raw_scenario
 from msgs_yaml.conversions import NS_PER_S
@@ -48,7 +47,7 @@ class ControllerInputs:
         node: Node,
         controller: Controller,
         trigger: LockstepTrigger | RealtimeTrigger,
-        watchdog: LockstepWatchdog | RealtimeWatchdog,
+        watchdog: Watchdog,
         wall: SteadyClock,
         on_input: Callable[[], None],
     ):

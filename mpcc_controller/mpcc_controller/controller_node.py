@@ -12,13 +12,13 @@ from rclpy.clock_type import ClockType
 
 from mpcc_controller import car_file, minimum_speed, run_time_parameters
 from mpcc_controller.controller_inputs_node import ACTUATORS, ControllerInputs
-from mpcc_controller.driving import trigger, watchdog
+from mpcc_controller.driving import trigger
 from mpcc_controller.driving.actuator_monitor import FAULT
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.records import Arrival, TickInputs, unknown_state
 from mpcc_controller.driving.tick import TOO_SLOW
 from mpcc_controller.driving.tick_report import LEFT_OUT, OK
-from mpcc_controller.driving.watchdog import STATE_STALE, HealthMonitor
+from mpcc_controller.driving.watchdog import STATE_STALE, Watchdog
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import conversions, decode, encode, share
 from node_runtime import parameters, ros, scheduling, spin_node
@@ -66,7 +66,7 @@ class ControllerNode(ManagedNode):
             self.controller.check_change(self.present)
             self.controller.change(self.present, self.changes)
         self.trigger = trigger.make(mode, params.model.step_s)
-        self.watchdog = watchdog.make(mode, HealthMonitor(NAME), params.ages)
+        self.watchdog = Watchdog(NAME, params.ages if mode == 'realtime' else None)
         self.last_message = self.sent_ns = None  # the command published last, and its stamp
         self.publish_s: float | None = None  # publishing time of the last command
         self.is_warm = mode == 'lockstep'  # there simulated time waits for the first step

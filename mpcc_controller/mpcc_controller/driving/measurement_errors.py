@@ -6,12 +6,13 @@ from the parameters, the stamp and what was received, and from nothing else.
 """
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 
 from mpcc_controller.parameters import MeasurementErrors
 from msgs_yaml.conversions import NS_PER_S
-from msgs_yaml.types import Obstacle, Obstacles, VehicleState
+from msgs_yaml.types import Obstacles, VehicleState
 
 # streams of random numbers, independent of each other
 STATE, DROPOUT, POSITION = range(3)
@@ -24,23 +25,24 @@ def measured_state(truth: VehicleState, params: MeasurementErrors) -> VehicleSta
     Position and its bias are in the frame of the car. An error of the sideslip angle turns the
     measured velocity against the body; the measured speed keeps its magnitude beside its own error.
     """
-    if not _has_state_errors(params):
+    values = vars(params).items()
+    if not any(v for name, v in values if name != 'seed' and not name.startswith('obstacle')):
         return truth
     stamp_ns, X, Y, psi, vx, vy, r = truth
-    ahead, left = _or_0(params.ahead_bias_m), _or_0(params.left_bias_m)
-    scale, turn = 1 + _or_0(params.speed_error), _or_0(params.sideslip_bias_rad)
+    e = SimpleNamespace(**{name: value or 0 for name, value in values})
+    scale, turn = 1 + e.speed_error, e.sideslip_bias_rad
     sin_turn, cos_turn = math.sin(turn), math.cos(turn)
-    n = _normal(params, STATE, stamp_ns, 6)
-    position, lateral = _or_0(params.position_noise_m), _or_0(params.lateral_speed_noise_mps)
-    ahead, left = ahead + position * n[0], left + position * n[1]
+    n = _generator(params, STATE, stamp_ns).standard_normal(6)
+    ahead = e.ahead_bias_m + e.position_noise_m * n[0]
+    left = e.left_bias_m + e.position_noise_m * n[1]
     return VehicleState(
         stamp_ns,
         X=X + ahead * np.cos(psi) - left * np.sin(psi),
         Y=Y + ahead * np.sin(psi) + left * np.cos(psi),
-        psi=psi + _or_0(params.yaw_bias_rad) + _or_0(params.yaw_noise_rad) * n[2],
-        vx=scale * (vx * cos_turn - vy * sin_turn) + _or_0(params.speed_noise_mps) * n[3],
-        vy=scale * (vx * sin_turn + vy * cos_turn) + lateral * n[4],
-        r=r + _or_0(params.yaw_rate_noise_radps) * n[5],
+        psi=psi + e.yaw_bias_rad + e.yaw_noise_rad * n[2],
+        vx=scale * (vx * cos_turn - vy * sin_turn) + e.speed_noise_mps * n[3],
+        vy=scale * (vx * sin_turn + vy * cos_turn) + e.lateral_speed_noise_mps * n[4],
+        r=r + e.yaw_rate_noise_radps * n[5],
     )
 
 
@@ -52,56 +54,25 @@ def measured_obstacles(
     One beyond the range is not seen. Dropouts last `obstacle_dropout_s` each and hit every obstacle
     on its own. The error of a position is drawn anew with every stamp.
     """
-    if not (params.obstacle_dropout or params.obstacle_range_m or params.obstacle_noise_m):
+    range_m, noise = params.obstacle_range_m, params.obstacle_noise_m or 0
+    if not (params.obstacle_dropout or range_m or noise):
         return truth
-    seen = (o for o in truth.items if _is_seen(o, car, stamp_ns, params))
-    return truth._replace(items=tuple(_displaced(o, stamp_ns, params) for o in seen))
+    seen = []
+    for o in truth.items:
+        # a state that is not finite hides nothing
+        if range_m and math.hypot(o.X - car.X, o.Y - car.Y) - o.r_obs > range_m:
+            continue
+        if params.obstacle_dropout:
+            period_ns = round((params.obstacle_dropout_s or DROPOUT_S) * NS_PER_S)
+            draw = _generator(params, DROPOUT, stamp_ns // period_ns, o.id).random()
+            if draw < params.obstacle_dropout:
+                continue
+        dX, dY = noise * _generator(params, POSITION, stamp_ns, o.id).standard_normal(2)
+        seen.append(o._replace(X=o.X + dX, Y=o.Y + dY))
+    return truth._replace(items=tuple(seen))
 
 
-def _has_state_errors(params):
-    return any(
-        (
-            params.ahead_bias_m,
-            params.left_bias_m,
-            params.yaw_bias_rad,
-            params.speed_error,
-            params.sideslip_bias_rad,
-            params.position_noise_m,
-            params.yaw_noise_rad,
-            params.speed_noise_mps,
-            params.lateral_speed_noise_mps,
-            params.yaw_rate_noise_radps,
-        )
-    )
-
-
-def _is_seen(obstacle: Obstacle, car, stamp_ns, params):
-    range_m = params.obstacle_range_m
-    # a state that is not finite hides nothing
-    if range_m and math.hypot(obstacle.X - car.X, obstacle.Y - car.Y) - obstacle.r_obs > range_m:
-        return False
-    if not params.obstacle_dropout:
-        return True
-    period_ns = round((params.obstacle_dropout_s or DROPOUT_S) * NS_PER_S)
-    draw = _generator(params, DROPOUT, stamp_ns // period_ns, obstacle.id).random()
-    return draw >= params.obstacle_dropout
-
-
-def _displaced(obstacle: Obstacle, stamp_ns, params):
-    noise = _or_0(params.obstacle_noise_m)
-    dX, dY = noise * _normal(params, POSITION, stamp_ns, 2, obstacle.id)
-    return obstacle._replace(X=obstacle.X + dX, Y=obstacle.Y + dY)
-
-
-def _normal(params, stream, instant, count, number=0):
-    return _generator(params, stream, instant, number).standard_normal(count)
-
-
-def _generator(params, stream, instant, number) -> np.random.Generator:
+def _generator(params, stream, instant, number=0) -> np.random.Generator:
     """Return random numbers that are a function of the arguments (a counter-based generator)."""
     counter = (0, stream, instant, number % 2**64)
-    return np.random.Generator(np.random.Philox(key=_or_0(params.seed), counter=counter))
-
-
-def _or_0(value):
-    return value or 0
+    return np.random.Generator(np.random.Philox(key=params.seed or 0, counter=counter))

@@ -66,16 +66,16 @@ class TickRecord(NamedTuple):
     effective_ns: int  # when the command takes effect
     state: VehicleState  # predicted to then
     scene: Scene  # with the obstacles where they are then
-    x0: State | None  # stage 0; None where no plan could be attempted
-    attempt: Attempt | None  # None where nothing was solved
     braking_line: str | None  # the line that a braking car steers along; None with a plan
-    friction: FrictionBelief | None  # None where it is not estimated
-    actuators: ActuatorCheck | None  # None where nobody told where they are
-    gate_reason: str  # why the gate intervened, '' if it did not
     rejections: Mapping[str, int]  # by the gate since the start, by reason
-    prepared_s: float | None  # computing time of `prepare` before this step
     computing_s: float  # of this step
-    resumed: bool = False  # the first step after a pause
+    resumed: bool  # the first step after a pause
+    x0: State | None = None  # stage 0; None where no plan could be attempted
+    attempt: Attempt | None = None  # None where nothing was solved
+    friction: FrictionBelief | None = None  # None where it is not estimated
+    actuators: ActuatorCheck | None = None  # None where nobody told where they are
+    gate_reason: str = ''  # why the gate intervened, '' if it did not
+    prepared_s: float | None = None  # computing time of `prepare` before this step
 
     def __repr__(self) -> str:
         """Return one line without arrays."""

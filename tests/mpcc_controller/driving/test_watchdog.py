@@ -2,7 +2,6 @@
 
 import pytest
 
-from mpcc_controller.driving import watchdog
 from mpcc_controller.driving.tick_report import OK, WARN
 from mpcc_controller.driving.watchdog import (
     EDGES,
@@ -10,7 +9,7 @@ from mpcc_controller.driving.watchdog import (
     OBSTACLES,
     REFERENCE,
     STATE,
-    HealthMonitor,
+    Watchdog,
 )
 from mpcc_controller.parameters import Ages
 from msgs_yaml.types import Why
@@ -29,7 +28,7 @@ def why(stamp_ns, level=OK, rung='solved', **values):
 
 
 def make(mode):
-    return watchdog.make(mode, HealthMonitor('controller'), AGES)
+    return Watchdog('controller', AGES if mode == 'realtime' else None)
 
 
 @pytest.fixture
