@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 
 import numpy as np
 from rclpy.node import Node
@@ -60,10 +61,15 @@ class ControllerInputs:
         self.ignored_ns = range(0)  # stamps of states that are not answered
         self._alone_since_ns = None  # wall time, from when on a state came without actuators
         self._waits_since_ns = None  # wall time, from when on a later state did
+        read_path, read_edges = (
+            subscriptions_node.read_reference,
+            subscriptions_node.read_road_edges,
+        )
         callbacks = {
-            REFERENCE: self.on_reference,
-            EDGES: self.on_edges,
-            OBSTACLES: self.on_obstacles,
+            REFERENCE: partial(self._use_new, REFERENCE, read_path, self._set_reference),
+            EDGES: partial(self._use_new, EDGES, read_edges, controller.set_edges),
+            # in lockstep they complete the inputs of a step
+            OBSTACLES: partial(self._use, OBSTACLES, self._read_obstacles, self._set_obstacles),
             STATE: self.on_odometry,
         }
         subscriptions = {
@@ -76,18 +82,6 @@ class ControllerInputs:
         self._slow_path = ChangeFilter()
         logged = (*TOPICS.values(), ACTUATORS, f'object of {TOPICS[OBSTACLES]}')
         self._refusals = {topic: RejectionLog(topic) for topic in logged}
-
-    def on_reference(self, raw: bytes) -> None:
-        """Use the path."""
-        self._use_new(REFERENCE, subscriptions_node.read_reference, raw, self._set_reference)
-
-    def on_edges(self, raw: bytes) -> None:
-        """Use the road edges."""
-        self._use_new(EDGES, subscriptions_node.read_road_edges, raw, self._controller.set_edges)
-
-    def on_obstacles(self, raw: bytes) -> None:
-        """Use the obstacles; in lockstep they complete the inputs of a step."""
-        self._use(OBSTACLES, self._read_obstacles, raw, self._set_obstacles)
 
     def on_odometry(self, raw: bytes) -> None:
         """Keep the state if it is to be answered."""
@@ -212,7 +206,10 @@ class ControllerInputs:
         return receive
 
     def _set_reference(self, reference: Reference) -> str:
-        fault = self._controller.set_reference(reference, self._state_if_valid())
+        x = None
+        with suppress(decode.DecodeError):
+            x = subscriptions_node.read_odometry(self.state) if self.state else None
+        fault = self._controller.set_reference(reference, x)
         if not fault:
             self._warn_of_slow_path()  # before a step, which may warn of its consequence
         return fault
@@ -229,13 +226,6 @@ class ControllerInputs:
                 'marker with the action DELETEALL and the stamp of the state'
             )
         return obstacles._replace(stamp_ns=obstacles.stamp_ns or self._wall.now_ns())
-
-    def _state_if_valid(self) -> VehicleState | None:
-        """Return the state kept last, None if there is none or it violates the contract."""
-        try:
-            return subscriptions_node.read_odometry(self.state) if self.state else None
-        except decode.DecodeError:
-            return None
 
     def _set_obstacles(self, obstacles: Obstacles) -> str:
         self._controller.set_obstacles(obstacles)
@@ -254,7 +244,7 @@ class ControllerInputs:
         if self._slow_path.has_changed(warning) and warning:
             self._node.get_logger().warning(warning)
 
-    def _use_new(self, name, decoder, raw, setter):
+    def _use_new(self, name, decoder, setter, raw):
         """Use a message as `_use` does; a repetition is not built again."""
         stamp_ns = raw_scenario.repeated_ns(TOPICS[name], raw, self._used.get(name))
         if stamp_ns:
@@ -262,10 +252,10 @@ class ControllerInputs:
             if fault:
                 self._reject(TOPICS[name], UNTIMELY, fault)
             self._on_input()
-        elif self._use(name, decoder, raw, setter):
+        elif self._use(name, decoder, setter, raw):
             self._used[name] = raw
 
-    def _use(self, name, decoder, raw, setter) -> bool:
+    def _use(self, name, decoder, setter, raw) -> bool:
         """Set an input of the controller; a rejected message is logged, the last one stays.
 
         Whatever the reason is, a rejected message counts as not received: the last one ages.

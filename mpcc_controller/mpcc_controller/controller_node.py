@@ -55,7 +55,11 @@ class ControllerNode(ManagedNode):
         """Load the car, prepare the solvers and join the graph."""
         params, mode = self.params, ros.mode(self)
         self.vehicle = car_file.load(params)
-        self.log_cut_limits(self.vehicle)
+        # what the car changes: limits of its actuators, and where its prediction is stable
+        for describe in (car_file.describe_cut_limits, minimum_speed.describe_raised):
+            text = describe(params, self.vehicle)
+            if text:
+                self.get_logger().info(text)
         self.get_logger().info('preparing the solver')
         self.wall = SteadyClock()
         try:
@@ -118,13 +122,6 @@ class ControllerNode(ManagedNode):
         for name, value in changes.items():
             self.get_logger().info(f'{name}: from {before[name]:g} to {value:g}, by request')
 
-    def log_cut_limits(self, vehicle):
-        """Log what the car changes: limits of its actuators, and where its prediction is stable."""
-        for describe in (car_file.describe_cut_limits, minimum_speed.describe_raised):
-            text = describe(self.params, vehicle)
-            if text:
-                self.get_logger().info(text)
-
     def advance(self):
         """Step if every input of the step is there; brake where anything raises."""
         if not self.is_active:
@@ -185,10 +182,15 @@ class ControllerNode(ManagedNode):
         return True
 
     def warm_up(self):
-        """Step repeatedly without publishing; the next state is answered, whatever raises here."""
+        """Step and make the messages without publishing; whatever raises, the next state is due."""
         began_ns = self.wall.now_ns()
         try:
-            self.step_unseen()
+            x = self.inputs.decode_state()
+            for record in self.controller.warm_up(x, self.params.warm_up.steps):
+                prediction, why = self.controller.report(record)
+                ros.serialize(encode.command(record.command))
+                ros.serialize(encode.prediction(prediction))
+                ros.serialize(encode.why(why))
             scheduling.freeze_garbage()
         except Exception as error:
             self.note(error)
@@ -197,19 +199,6 @@ class ControllerNode(ManagedNode):
         self.inputs.ignored_ns = range(began_ns, self.wall.now_ns())
         self.trigger.on_lost(self.inputs.ignored_ns.stop)
         self.get_logger().info('warm, answers the next state')
-
-    def step_unseen(self):
-        """Step and make the messages, without publishing them."""
-        x = self.inputs.decode_state()
-        for record in self.controller.warm_up(x, self.params.warm_up.steps):
-            prediction, why = self.controller.report(record)
-            messages = (
-                encode.command(record.command),
-                encode.prediction(prediction),
-                encode.why(why),
-            )
-            for message in messages:
-                ros.serialize(message)
 
     def step(self):
         """Answer the state with a command, then report why."""
@@ -297,7 +286,8 @@ class ControllerNode(ManagedNode):
         self.why_pub.publish(encode.why(why))
         self.controller.prepare()
         self.publish_health(self.watchdog.on_step(why))
-        stopping = self.stopping_text() if why.values['reason'] == TOO_SLOW else ''
+        limits, is_too_slow = self.controller.params.limits, why.values['reason'] == TOO_SLOW
+        stopping = minimum_speed.stopping_text(limits) if is_too_slow else ''
         if self.stopping_log.has_changed(stopping) and stopping:
             self.get_logger().warning(stopping)
         left_out = why.values.get(LEFT_OUT, 0)
@@ -309,10 +299,6 @@ class ControllerNode(ManagedNode):
             self.get_logger().warning(self.controller.memory.actuators.describe())
         if why.level != OK:
             self.get_logger().warning(why.message, throttle_duration_sec=THROTTLE_S)
-
-    def stopping_text(self):
-        """Return why the car brakes to a stop."""
-        return minimum_speed.stopping_text(self.controller.params.limits)
 
     def publish_health(self, health):
         """Publish the health if there is one to report."""

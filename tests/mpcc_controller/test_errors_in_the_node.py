@@ -7,7 +7,6 @@ import node_bench
 import pytest
 from controller_driver import FALLBACK, SILENT, SOLVE, Driver
 
-from mpcc_controller.driving import planner
 from mpcc_controller.driving.internal_errors import INTERNAL_ERROR
 from msgs_yaml import encode
 
@@ -141,24 +140,6 @@ def test_a_car_without_a_state_brakes_also_where_nothing_tells_how_old_it_is(dri
         driving.look()
         assert driving.last.stamp_ns > before.stamp_ns
     assert driving.last.Fxf + driving.last.Fxr < 0
-
-
-def test_each_kind_of_error_is_a_line_of_the_log_however_often_it_is_raised(
-    driving, monkeypatch, capfd
-):
-    def other(*_):
-        raise RuntimeError('injected')  # the same text from another line
-
-    logged(capfd)
-    for function, many in ((failing, 5), (other, 5), (failing, 3)):
-        with monkeypatch.context() as patch:
-            patch.setattr(planner, 'plan', function)
-            for _ in range(many):
-                tick(driving)
-    first, second = logged(capfd)
-    assert ', failing: injected' in first
-    assert ', other: injected' in second
-    assert sorted(driving.node.controller.errors.counts.values()) == [5, 8]
 
 
 def test_a_node_whose_warm_up_raises_drives(driving, monkeypatch, capfd):

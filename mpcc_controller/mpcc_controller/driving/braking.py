@@ -9,7 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget, split_within_friction
+from mpcc_controller.driving.setpoints import (
+    Setpoints,
+    SetpointTarget,
+    allowed_split,
+    split_within_friction,
+    within_limits,
+)
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import GRAVITY, Axles, Car, State
 from mpcc_controller.parameters import Braking, ControllerParams, Limits
@@ -52,14 +58,9 @@ def braking_target(
     force_step = limits.force_rate_nps * step_s
     Fx = -max_braking_force(max(abs(lateral), present), car, limits)
     Fx = min(max(Fx, now.Fx - force_step), now.Fx + force_step)
-    front_share = single_track.ideal_split(Fx, car)
-    front_share = min(max(front_share, limits.brake_front_share_min), limits.brake_front_share_max)
-    lambda_b = split_within_friction(front_share, Fx, car, limits)
-    steer_step = limits.steer_rate_radps * step_s
+    lambda_b = split_within_friction(allowed_split(Fx, car, limits), Fx, car, limits)
     delta = steering_angle(x, lateral, Fx, lambda_b, car) if known and lookahead else 0.0
-    delta = min(max(delta, -limits.steer_rad), limits.steer_rad)
-    delta = min(max(delta, now.delta - steer_step), now.delta + steer_step)
-    return SetpointTarget(delta, Fx, lambda_b)
+    return within_limits(delta, Fx, lambda_b, now, limits, step_s)
 
 
 def max_acceleration(car: Car, limits: Limits) -> float:
@@ -103,8 +104,7 @@ def max_braking_force(lateral: float, car: Car, limits: Limits) -> float:
 
 def _is_feasible(brake, lateral, car, limits):
     Fz, Fy = single_track.loads(-brake, car), lateral_forces(lateral, car)
-    share = single_track.ideal_split(-brake, car)
-    share = min(max(share, limits.brake_front_share_min), limits.brake_front_share_max)
+    share = allowed_split(-brake, car, limits)
     front = math.hypot(share * brake, Fy.f) <= limits.friction_use * car.mu_f * Fz.f
     rear = math.hypot((1 - share) * brake, Fy.r) <= limits.friction_use * car.mu_r * Fz.r
     return front and rear
@@ -128,14 +128,27 @@ def steering_angle(x: VehicleState, lateral: float, Fx: float, lambda_b: float, 
     """
     F_x, F_y = single_track.split(Fx, lambda_b, car).f, lateral_forces(lateral, car).f
     Fz = single_track.loads(Fx, car).f
-    capacity = math.sqrt(max((car.mu_f * Fz) ** 2 - float(F_x) ** 2, 0.0))
-    use = min(abs(F_y) / capacity, 1.0) if capacity else 1.0
-    slip = math.atan(3 * capacity * (1 - (1 - use) ** (1 / 3)) / car.C_f)
+    slip = slip_of(F_y, lateral_capacity(car.mu_f * Fz, float(F_x)), car.C_f)
     blend = min(max(x.vx / car.v_slip, 0.0), 1.0)
     direction = math.atan((x.vy + car.l_f * x.r) / max(x.vx, car.v_slip))
     square = max(x.vx**2 + x.vy**2, car.v_slip**2)
     kinematic = math.atan((car.l_f + car.l_r) * lateral / square)
-    return blend * direction + (1 - blend) * kinematic + math.copysign(slip, lateral)
+    return blend * direction + (1 - blend) * kinematic + slip
+
+
+def lateral_capacity(friction: float, Fx: float) -> float:
+    """Return the lateral force [N] that is left of a friction force beside a longitudinal one."""
+    return math.sqrt(max(friction**2 - Fx**2, 0.0))
+
+
+def slip_of(F: float, capacity: float, C: float) -> float:
+    """Return the angle [rad] by which a wheel is turned from its motion to give a lateral force.
+
+    The inverse Fiala curve of the cornering stiffness `C` [N/rad]; a force beyond the capacity gets
+    the slip of the peak.
+    """
+    use = min(abs(F) / capacity, 1.0) if capacity else 1.0
+    return math.copysign(math.atan(3 * capacity * (1 - (1 - use) ** (1 / 3)) / C), F)
 
 
 def lookahead_point(

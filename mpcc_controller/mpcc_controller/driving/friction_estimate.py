@@ -217,7 +217,8 @@ class FrictionEstimator:
             products = kept * products + difference * before.difference
             count = kept * count + 1.0
         known = (LASTS * squares - products) / (count + 1.0)
-        noise = np.linalg.solve(LASTS * (np.eye(3) + transition**2) + _diagonal(transition), known)
+        own = np.diag(np.diag(transition))
+        noise = np.linalg.solve(LASTS * (np.eye(3) + transition**2) + own, known)
         return now._replace(
             squares=squares,
             products=products,
@@ -292,10 +293,6 @@ class FrictionEstimator:
         slopes = (shifted - residuals) / ERROR_STEP
         transition = (residuals[:, best, None] - moved) / VELOCITY_STEP
         return residuals, slopes, transition, raw[:, 0]
-
-
-def _diagonal(matrix):
-    return np.diag(np.diag(matrix))
 
 
 def _turned(velocities: np.ndarray, error: np.ndarray) -> np.ndarray:

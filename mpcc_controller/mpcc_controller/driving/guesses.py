@@ -84,8 +84,7 @@ def start_at(plan: Plan, x0: State) -> Plan:
     theta is projected on the path at every tick: the theta of the whole plan moves with it.
     """
     X = np.array(plan.X)
-    theta = State._fields.index('theta')
-    X[:, theta] += x0.theta - X[0, theta]
+    X[:, THETA] += x0.theta - X[0, THETA]
     X[0] = x0
     return plan._replace(X=X)
 

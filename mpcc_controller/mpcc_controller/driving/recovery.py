@@ -23,10 +23,18 @@ from typing import NamedTuple
 from mpcc_controller.driving.braking import (
     Point,
     lateral_acceleration,
+    lateral_capacity,
     max_acceleration,
     max_braking_force,
+    slip_of,
 )
-from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget, split_within_friction
+from mpcc_controller.driving.setpoints import (
+    Setpoints,
+    SetpointTarget,
+    allowed_split,
+    split_within_friction,
+    within_limits,
+)
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import ControllerParams, Limits
@@ -98,11 +106,11 @@ def recovery_target(
     most = gains.lateral_use * max_acceleration(car, limits)
     lateral = lateral_acceleration(x, lookahead, most) if lookahead else 0.0
     split = single_track.split(now.Fx, single_track.ideal_split(now.Fx, car), car)
-    rear_capacity = _capacity(car.mu_r * Fz.r, float(split.r))
+    rear_capacity = lateral_capacity(car.mu_r * Fz.r, float(split.r))
     F_yr = _lateral_force(rear_slip(x, car), rear_capacity, car.C_r)
     wheelbase = car.l_f + car.l_r
     F_d = car.m * lateral * car.l_f / wheelbase  # of the rear axle while cornering
-    beta_d = car.l_r * lateral / v**2 - _slip_of(F_d, car.mu_r * Fz.r, car.C_r)
+    beta_d = car.l_r * lateral / v**2 - slip_of(F_d, car.mu_r * Fz.r, car.C_r)
     r_d = F_yr * wheelbase / (car.l_f * car.m * v) + gains.sideslip * (beta - beta_d)
     moment = car.Izz * gains.yaw_rate * (r_d - x.r)
     F_yf = (moment + car.l_r * F_yr) / car.l_f
@@ -110,16 +118,11 @@ def recovery_target(
     force_step = limits.force_rate_nps * step_s
     Fx = min(max(Fx, now.Fx - force_step), now.Fx + force_step)
     Fx = min(max(Fx, -limits.brake_n), limits.drive_n)
-    share = single_track.ideal_split(Fx, car)
-    share = min(max(share, limits.brake_front_share_min), limits.brake_front_share_max)
-    lambda_b = split_within_friction(share, Fx, car, limits)
+    lambda_b = split_within_friction(allowed_split(Fx, car, limits), Fx, car, limits)
     front = single_track.split(Fx, lambda_b, car).f
-    capacity = _capacity(car.mu_f * single_track.loads(Fx, car).f, float(front))
-    delta = _front_direction(x, car) + _slip_of(F_yf, capacity, car.C_f)
-    delta = min(max(delta, -limits.steer_rad), limits.steer_rad)
-    steer_step = limits.steer_rate_radps * step_s
-    delta = min(max(delta, now.delta - steer_step), now.delta + steer_step)
-    return SetpointTarget(delta, Fx, lambda_b)
+    capacity = lateral_capacity(car.mu_f * single_track.loads(Fx, car).f, float(front))
+    delta = _front_direction(x, car) + slip_of(F_yf, capacity, car.C_f)
+    return within_limits(delta, Fx, lambda_b, now, limits, step_s)
 
 
 def target_along_path(
@@ -153,25 +156,12 @@ def _front_direction(x, car):
     return math.atan2(x.vy + car.l_f * x.r, max(x.vx, 0.0))
 
 
-def _capacity(friction, Fx):
-    return math.sqrt(max(friction**2 - Fx**2, 0.0))
-
-
 def _lateral_force(slip, capacity, C):
     """Return the Fiala force [N] at a slip angle [rad]; with full sliding beyond its slip."""
     if not capacity:
         return 0.0
     s = min(abs(C * math.tan(min(max(slip, -1.5), 1.5)) / (3 * capacity)), 1.0)
     return -math.copysign(capacity * s * (3 - 3 * s + s**2), slip)
-
-
-def _slip_of(F, capacity, C):
-    """Return the angle [rad] by which a wheel is turned from its motion to give a lateral force.
-
-    The inverse Fiala curve; a force beyond the capacity gets the slip of the peak.
-    """
-    use = min(abs(F) / capacity, 1.0) if capacity else 1.0
-    return math.copysign(math.atan(3 * capacity * (1 - (1 - use) ** (1 / 3)) / C), F)
 
 
 def _brake_force(F_yf, F_yr, beta, car: Car, limits: Limits, gains: Gains) -> float:
@@ -183,8 +173,8 @@ def _brake_force(F_yf, F_yr, beta, car: Car, limits: Limits, gains: Gains) -> fl
         return -max_braking_force(0.0, car, limits)
     Fz = single_track.loads(0.0, car)
     use = limits.friction_use
-    front = _capacity(use * car.mu_f * Fz.f, min(abs(F_yf), use * car.mu_f * Fz.f))
-    rear = _capacity(use * car.mu_r * Fz.r, min(abs(F_yr), use * car.mu_r * Fz.r))
+    front = lateral_capacity(use * car.mu_f * Fz.f, min(abs(F_yf), use * car.mu_f * Fz.f))
+    rear = lateral_capacity(use * car.mu_r * Fz.r, min(abs(F_yr), use * car.mu_r * Fz.r))
     share = min(
         max(Fz.f / (Fz.f + Fz.r), limits.brake_front_share_min), limits.brake_front_share_max
     )

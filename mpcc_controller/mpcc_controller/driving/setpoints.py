@@ -50,6 +50,20 @@ def split_within_friction(lambda_b: float, Fx: float, car: Car, limits: Limits) 
     return float(np.clip(lambda_b, lowest, highest))
 
 
+def allowed_split(Fx: float, car: Car, limits: Limits) -> float:
+    """Return the ideal front share of a braking force [N], within the limits of the share."""
+    share = single_track.ideal_split(Fx, car)
+    return min(max(share, limits.brake_front_share_min), limits.brake_front_share_max)
+
+
+def within_limits(
+    delta: float, Fx: float, lambda_b: float, now: Setpoints, limits: Limits, dt: float
+) -> SetpointTarget:
+    """Return a target with the steering angle [rad] nearest to `delta` within range and rate."""
+    delta = min(max(delta, -limits.steer_rad), limits.steer_rad)
+    return within_rates(SetpointTarget(delta, Fx, lambda_b), now, limits, dt)
+
+
 def within_rates(
     target: SetpointTarget, now: Setpoints, limits: Limits, dt: float
 ) -> SetpointTarget:

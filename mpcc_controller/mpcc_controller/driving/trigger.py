@@ -16,7 +16,22 @@ class Due(NamedTuple):
 NOTHING = Due(step=False, repeat=False, restart=False)
 
 
-class LockstepTrigger:
+class Trigger:
+    """The stamps of the state kept last, of the actuators and of the last answer."""
+
+    def __init__(self, step_s: float):
+        self.step_ns = round(step_s * NS_PER_S)
+        self.state = self.actuators = self.answered = None
+
+    def on_obstacles(self, stamp_ns: int) -> None:
+        """Note the stamp of the obstacles; in realtime they do not trigger a step."""
+
+    def on_actuators(self, stamp_ns: int) -> None:
+        """Note the stamp of the actuators."""
+        self.actuators = stamp_ns
+
+
+class LockstepTrigger(Trigger):
     """Answers the states on tick boundaries for which the obstacles carry the same stamp.
 
     The answer then depends on the messages and not on the order of their arrival. The first state
@@ -24,10 +39,8 @@ class LockstepTrigger:
     whose actuators come `with_states`.
     """
 
-    def __init__(self, step_s: float):
-        self.step_ns = round(step_s * NS_PER_S)
-        self.with_states = False
-        self.state = self.obstacles = self.actuators = self.answered = None
+    with_states = False
+    obstacles = None
 
     def on_state(self, stamp_ns: int) -> bool:
         """Note the stamp of a state; return whether the state is to be kept."""
@@ -49,10 +62,6 @@ class LockstepTrigger:
     def waits_for_actuators(self) -> bool:
         """Whether a state after the first one waits for them: `with_states` may end that."""
         return self.needs_actuators and not self._begins() and self.actuators != self.state
-
-    def on_actuators(self, stamp_ns: int) -> None:
-        """Note the stamp of the actuators."""
-        self.actuators = stamp_ns
 
     def due(self) -> Due:
         """Return what to do with the state kept last; to be called once per message."""
@@ -83,38 +92,28 @@ class LockstepTrigger:
         return self.answered is None or self.state < self.answered
 
 
-class RealtimeTrigger:
+class RealtimeTrigger(Trigger):
     """Answers the first state at or after each tick boundary, with the newest other inputs."""
 
     waits_for_actuators = False  # after the first step
-
-    def __init__(self, step_s: float):
-        self.step_ns = round(step_s * NS_PER_S)
-        self.with_states = True  # whatever is newest counts
-        self.state = self.actuators = self.answered = None
-        self.begun = False
+    with_states = True  # whatever is newest counts
+    begun = False
 
     def on_state(self, stamp_ns: int) -> bool:
         """Note the stamp of a state; return whether the state is to be kept.
 
         A state of a tick that was answered is late or a repetition: wall time never goes back.
         """
-        new_tick = self.answered is None or self._tick(stamp_ns) > self._tick(self.answered)
+        step_ns, answered = self.step_ns, self.answered
+        new_tick = answered is None or stamp_ns // step_ns > answered // step_ns
         if new_tick:
             self.state = stamp_ns
         return new_tick
-
-    def on_obstacles(self, stamp_ns: int) -> None:
-        """Do nothing: obstacles do not trigger a step in realtime."""
 
     @property
     def needs_actuators(self) -> bool:
         """Whether the next step is the first one."""
         return not self.begun
-
-    def on_actuators(self, stamp_ns: int) -> None:
-        """Note the stamp of the actuators."""
-        self.actuators = stamp_ns
 
     def due(self) -> Due:
         """Return what to do with the state kept last; to be called once per message."""
@@ -147,9 +146,6 @@ class RealtimeTrigger:
         if self.begun:
             return False
         return self.actuators is None or abs(self.state - self.actuators) > self.step_ns
-
-    def _tick(self, stamp_ns):
-        return stamp_ns // self.step_ns
 
 
 def make(mode: str, step_s: float) -> LockstepTrigger | RealtimeTrigger:

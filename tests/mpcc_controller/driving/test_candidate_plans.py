@@ -263,16 +263,6 @@ def test_what_is_driven_when_solvers_fail(
         assert command.Fxf + command.Fxr < -1000.0
 
 
-def test_an_oncoming_car_is_passed(controller, world):
-    world.set_inputs(controller, world.straight(v=17.0, left=6.0, right=-2.5))
-    pop_up(controller, Obstacle(1, 100.0, 0.66, 1.0, -15.0, 0.0))
-    x = world.drive(controller, 80, State(0.0, 0.0, 0.0, 17.0, 0.0, 0.0, 0.0, 0.0, 0.0)).states
-    t = 0.05 * np.arange(len(x.X))
-    gap = np.hypot(x.X - (100 - 15 * t), x.Y - 0.66) - 2.1
-    assert gap[-1] > 10.0
-    assert gap.min() > 0.2
-
-
 def test_a_car_brakes_to_a_stop_where_every_plan_leads_through_the_obstacles(controller, world):
     """A plan drives at least 7 m/s: before a closed road it leads into the barrier."""
     barrier = wall(40.0, begin=-2.0)

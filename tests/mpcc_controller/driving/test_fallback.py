@@ -14,9 +14,9 @@ from mpcc_controller.driving.records import unknown_state
 from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import Fallback
 from msgs_yaml import conformance, encode
-from msgs_yaml.types import Actuators, VehicleState
+from msgs_yaml.types import VehicleState
 from stage_solver.solution import FAILED, ONE_STEP, SOLVED, STOPPED_EARLY, Solution
-from stage_solver.stage_problem import Multipliers, Plan
+from stage_solver.stage_problem import Plan
 
 TICK = 50_000_000
 RULES = Fallback(
@@ -329,18 +329,6 @@ def test_a_car_that_nobody_measures_any_more_stays_on_its_line_by_dead_reckoning
     assert states[-1].vx < 5.0
 
 
-def test_after_braking_without_a_state_it_starts_from_the_measured_actuators(controller, step):
-    step(0)
-    step(1, known=False, fault='state_stale')
-    controller.reset(Actuators(3 * TICK, -0.03, 0.0, -3000.0, -1000.0, (0.0,) * 4))
-    answer = step(2)
-    assert answer.decision[:2] == (SOLVED, 'converged')
-    assert answer.why.values['set_point.delta'] == pytest.approx(-0.03)
-    assert answer.why.values['set_point.Fx'] == pytest.approx(-4000.0)
-    turn = controller.params.limits.steer_rate_radps * 0.05
-    assert abs(answer.command.delta + 0.03) <= turn * 1.001
-
-
 # a command that the gate turns back
 
 
@@ -386,21 +374,6 @@ def test_a_command_out_of_time_neither_releases_the_brakes_nor_costs_the_plan(
 
 
 # the guess of the next solve
-
-
-def test_primal_and_dual_are_shifted_by_one_stage(controller, world, modify_solver):
-    solves = modify_solver()
-    world.tick(controller, world.rolling(X=25.0))
-    old = solves.solutions[-1].plan
-    world.tick(controller, world.rolling(X=26.0, stamp_ns=TICK))
-    guess = solves.guesses[-1]
-    assert np.array_equal(guess.X[1:-1, :6], old.X[2:, :6])
-    assert np.array_equal(guess.U[:-1], old.U[1:])
-    for name in set(Multipliers._fields) - {'h'}:
-        moved, before = getattr(guess.multipliers, name), getattr(old.multipliers, name)
-        assert np.array_equal(moved[:-1], before[1:]), name
-        assert np.array_equal(moved[-1], before[-1]), name
-    assert np.array_equal(guess.multipliers.h, old.multipliers.h)
 
 
 def test_failures_drop_first_the_dual_and_after_three_the_primal_warm_start(

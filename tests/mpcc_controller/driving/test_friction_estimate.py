@@ -253,11 +253,6 @@ def test_braking_without_a_plan_probes_a_little_beyond_the_belief(
     )
 
 
-def test_without_the_switch_nothing_is_estimated(world, controller):
-    *_, why = world.tick(controller, world.rolling(stamp_ns=1))
-    assert not {'friction.estimate', 'friction.excitation'} & why.values.keys()
-
-
 def test_a_group_that_is_on_must_be_complete(world):
     params, _ = world.load(friction_estimate__on=True)
     with pytest.raises(ParameterError, match=r'friction_estimate\.lowest: is missing'):

@@ -13,7 +13,6 @@ from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.driving.tick_solvers import MOST_REFRESHES, REFRESH_FROM_M
 from mpcc_controller.model.single_track import State
 from mpcc_controller.path import arc, reference_path
-from mpcc_controller.problem import cost_terms
 from msgs_yaml import conformance, encode
 from msgs_yaml.types import VehicleState
 from node_runtime.parameters import ParameterError
@@ -183,21 +182,6 @@ def test_a_fixed_split_brakes_with_its_share_and_has_no_cost(world, changed, nam
     assert ('lambda_b' in terms) == ('formulation__brake_split' not in changes)
 
 
-def test_switches_that_are_off_change_no_bit(world, changed):
-    """Given as the words for off, and left out: the same terms, the same commands."""
-    off = {
-        'model__theta': 'projected',
-        'surroundings__arcs': 'frozen',
-        'formulation__brake_split': 'free',
-    }
-    commands = []
-    for changes in ({}, off):
-        controller = changed(**changes)
-        commands.append([record.command for record in records(world, controller, 8)])
-        assert controller.parts.model.formulation.ocp.terms == cost_terms.PAPER
-    assert commands[0] == commands[1]
-
-
 @pytest.mark.parametrize(
     ('name', 'changes', 'field'),
     [
@@ -303,11 +287,3 @@ def test_preparation_changes_the_initial_guess_and_not_the_problem_of_a_tick(
     world.tick(prepared, world.rolling(X=47.0, stamp_ns=2 * TICK_NS))
     prepared.prepare()
     assert prepared.memory.prepared is None  # after a failure
-
-
-def test_a_controller_that_does_not_prepare_computes_nothing_after_its_command(controller, world):
-    world.tick(controller, world.rolling(X=25.0))
-    controller.prepare()
-    assert controller.memory.prepared is None
-    *_, why = world.tick(controller, world.rolling(X=26.0, stamp_ns=TICK_NS))
-    assert 'time.ahead_ms' not in why.values
