@@ -148,6 +148,18 @@ def test_after_an_early_state_the_last_setpoint_is_reached_first(realtime, world
     assert realtime.active_ramp.at(0) == realtime.active_ramp.end == (0.02, -1000.0)
 
 
+def test_a_drive_continues_from_another_command_than_the_last_one(controller, world):
+    for k in (1, 2):
+        world.tick(controller, world.rolling(X=10.0 + k, stamp_ns=k * TICK))
+    before, other = controller.memory.ramps, Command(2 * TICK, 0.02, 0.0, -600.0, -400.0)
+    controller.set_last_command(other)
+    assert controller.last_command == other
+    assert controller.memory.ramps[:-1] == before[:-1] != ()
+    ramp = controller.active_ramp
+    assert (ramp.end, ramp.lambda_b) == ((0.02, -1000.0), 0.6)
+    assert ramp[:3] == before[-1][:3]
+
+
 def test_the_age_that_the_gate_checks_includes_the_computing_time(realtime, world):
     realtime.parts.solvers.first.takes_s = 0.15
     *_, why = world.tick(realtime, world.rolling(stamp_ns=TICK), age_s=0.06)

@@ -149,6 +149,15 @@ def test_noise_is_measured_and_not_taken_for_ice(drive, estimator_, factor, targ
         assert np.all(measured < 2.0 * factor * NOISE + 0.01)
 
 
+def test_noise_that_has_ended_is_forgotten(drive, estimator_):
+    estimator, noisy = estimator_(), drive(1.0, [STRAIGHT] * 60, factor=2.0)
+    estimator.frictions(noisy)
+    most = estimator.memory.noise
+    exact = drive(1.0, [STRAIGHT] * 160)[60:]
+    estimator.frictions(exact)
+    assert np.all(estimator.memory.noise < 0.5 * most)
+
+
 @settings(max_examples=3)
 @given(friction=st.floats(0.4, 0.9), seed=st.integers(0, 9))
 def test_a_swerve_tells_the_friction_through_noise(drive, estimator_, friction, seed):

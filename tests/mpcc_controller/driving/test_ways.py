@@ -112,7 +112,7 @@ def test_a_guess_passes_the_obstacle_on_its_side_on_the_road_and_a_mirrored_road
     Y0=st.floats(-1.0, 1.0),
 )
 def test_a_guess_is_a_motion(road, params, car, v, seconds, Y, Y0):
-    """Positions move with the velocity, and the course turns as its lateral acceleration says."""
+    """Positions move with the velocity, the course turns as the tyres push, which are linear."""
     scene = road(standing(1, v * seconds, Y), v=v)
     for _, shape, guess in all_guesses(scene, start(v, Y0), car, params):
         if shape.acceleration > 6.0:  # beyond steady cornering
@@ -128,6 +128,10 @@ def test_a_guess_is_a_motion(road, params, car, v, seconds, Y, Y0):
         # a car that moves aside is longer under way; its guess is not slower for that
         assert np.all(ahead > 0.98 * x.vx[1:])
         assert np.all(ahead < 1.1 * x.vx[1:])
+        Fy = car.m * x.vx * x.r / (car.l_f + car.l_r)
+        front, rear = x.delta - (x.vy + car.l_f * x.r) / x.vx, (car.l_r * x.r - x.vy) / x.vx
+        assert car.C_f * front == pytest.approx(car.l_r * Fy, abs=1.0)
+        assert car.C_r * rear == pytest.approx(car.l_f * Fy, abs=1.0)
         turned = np.diff(course) / STEP_S
         assert np.max(np.abs(turned - (x.r[1:] + x.r[:-1]) / 2)) < 0.5 * GRAVITY / v
 
@@ -196,7 +200,11 @@ def test_the_braking_guess_keeps_to_its_line_and_uses_the_friction_that_the_bend
     s = line[:, 6]
     line[:, 0], line[:, 1] = np.sin(kappa * s) / kappa, (1 - np.cos(kappa * s)) / kappa
     line[:, 2], line[:, 5] = kappa * s, v * kappa
-    x = State(*guesses.braking(line, start(v)._replace(Fx=Fx), car, params, floor).X.T)
+    guess = guesses.braking(line, start(v)._replace(Fx=Fx), car, params, floor)
+    x = State(*guess.X.T)
+    rates = np.diff(guess.X[:, -2:], axis=0)[1:] / STEP_S
+    most = limits.steer_rate_radps, limits.force_rate_nps
+    assert guess.U[1:, :2] == pytest.approx(np.clip(rates, np.negative(most), most))
     # chords of a quarter of a metre to 1.5 m beside the arc
     assert np.max(np.abs(np.hypot(x.X, x.Y - 1 / kappa) - 1 / kappa)) < 0.01
     least = limits.least_speed_mps if floor is None else 0.0
