@@ -122,14 +122,14 @@ def _integrate(x: State, segment: RampSegment, lambda_b: float, car: Car) -> Sta
     )
     flat = np.array(x._replace(theta=0.0, delta=begin.delta, Fx=begin.Fx))
     steps, numbers = math.ceil(duration_s / MAX_STEP_S), np.array(car)
-    step = _step_function(single_track.structure(car))
+    step = midpoint_step(single_track.structure(car))
     for _ in range(steps):
         flat = step(flat, u, duration_s / steps, numbers).full().ravel()
     return State(*map(float, flat))
 
 
 @cache
-def _step_function(structure: Car) -> ca.Function:
+def midpoint_step(structure: Car) -> ca.Function:
     """Return (x, u, h, car) -> the state h [s] later, by one midpoint step."""
     f, h = single_track.rates(structure), ca.SX.sym('h')
     x, u, car = f.sx_in()

@@ -25,7 +25,12 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from mpcc_controller.driving.delay_compensation import MAX_STEP_S, SetpointRamp, setpoints_at
+from mpcc_controller.driving.delay_compensation import (
+    MAX_STEP_S,
+    SetpointRamp,
+    midpoint_step,
+    setpoints_at,
+)
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
@@ -33,7 +38,6 @@ from mpcc_controller.parameters import FrictionEstimate
 from msgs_yaml import conversions
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import VehicleState
-from stage_solver import stage_problem
 from stage_solver.compiled_functions import BufferedFunction, compile_functions
 
 GRID_STEP = 0.05  # of the friction, between two hypotheses
@@ -307,14 +311,11 @@ def _bank(columns: int, structure: Car) -> ca.Function:
 
     Column i is that of the car in column i of `cars`.
     """
-    f, h = single_track.rates(structure), ca.SX.sym('h')
-    x, u, numbers = f.sx_in()
-    step = ca.Function('step', [x, u, h, numbers], [stage_problem.rk2(f, h)(x, u, numbers)])
     X = ca.MX.sym('X', len(State._fields), columns)
     cars = ca.MX.sym('c', len(structure), columns)
     U, H = ca.MX.sym('u', len(Input._fields)), ca.MX.sym('h')
     each = (ca.repmat(value, 1, columns) for value in (U, H))
     name, arguments = f'friction_bank_{columns}', [X, U, H, cars]
-    rows = step.map(columns)(X, *each, cars)
+    rows = midpoint_step(structure).map(columns)(X, *each, cars)
     bank = ca.Function(name, arguments, [rows], ['X', 'u', 'h', 'cars'], ['X_next'])
     return compile_functions({name: bank}, name)[name]

@@ -40,12 +40,6 @@ class Gate(NamedTuple):
         believed now. The held command keeps the steering set-point and the brakes; it releases a
         driving force at its rate limit.
         """
-        reason = self._rejection_reason(command, last, age_s, believed)
-        if not reason:
-            return GateResult(command, '')
-        return GateResult(self._hold(last, command.stamp_ns), reason)
-
-    def _rejection_reason(self, command, last, age_s, believed):
         checks = {
             'not_finite': not all(math.isfinite(value) for value in command),
             'too_old': not age_s <= self.max_age_s,
@@ -55,7 +49,8 @@ class Gate(NamedTuple):
             'too_fast': not self._in_rate(command, last),
             'beyond_friction': not self._in_friction(command, last, believed),
         }
-        return next((reason for reason, failed in checks.items() if failed), '')
+        reason = next((reason for reason, failed in checks.items() if failed), '')
+        return GateResult(self._hold(last, command.stamp_ns) if reason else command, reason)
 
     def _in_range(self, command):
         force = command.Fxf + command.Fxr

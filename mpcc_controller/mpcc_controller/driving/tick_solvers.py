@@ -196,20 +196,20 @@ class TickSolvers:
         With a time limit a candidate that does not return in the time of all solvers has failed,
         and this thread solves none of them.
         """
-        jobs = [partial(self._solve_candidate, problem, began) for problem in problems]
+
+        def job(problem, solver):  # called in any thread
+            self._limit(solver, began)
+            return _solve(solver, problem, problem.guess_local)
+
         limit_s = self.prediction.params.solver.patience_s
 
         def patience_s():
             return max(limit_s - (self.clock() - began), 0.0) if self.limit_time else None
 
+        jobs = [partial(job, problem) for problem in problems]
         result, solved = self.parallel.run(own, jobs, patience_s)
         solved = [s or _failed(p.guess_local, HANGS) for s, p in zip(solved, problems)]
         return result, [*map(self.prediction.to_map, solved, problems)]
-
-    def _solve_candidate(self, problem, began, solver: StageSolver) -> Solution:
-        """Return the solution in the states of the problem; called in any thread."""
-        self._limit(solver, began)
-        return _solve(solver, problem, problem.guess_local)
 
 
 def solver_options(params: ControllerParams, limit_time: bool) -> SolverOptions:

@@ -68,7 +68,10 @@ def road_ahead(
     """
     if not scene.obstacles.items:
         return None
-    vx = _speeds(scene, x0, car, params)
+    # of a car that takes up the desired speed from below
+    t = params.model.step_s * np.arange(params.model.horizon + 1)
+    _, v_here = reference_path.arcs_at(scene.path, np.array([x0.theta]))
+    vx = np.minimum(x0.vx + params.limits.drive_n / car.m * t, max(float(v_here[0]), x0.vx))
     theta = x0.theta + travelled(vx, params.model.step_s)
     arcs, v_ref = reference_path.arcs_at(scene.path, theta)
     zeros = np.zeros_like(theta)
@@ -100,14 +103,6 @@ def lateral_motion(around: RoadAhead, x0: State) -> tuple[float, float]:
 def travelled(vx: np.ndarray, dt: float) -> np.ndarray:
     """Return the distances (N + 1,) [m] travelled at the speeds of the stages."""
     return np.concatenate(([0], np.cumsum((vx[1:] + vx[:-1]) / 2 * dt)))
-
-
-def _speeds(scene, x0, car, params) -> np.ndarray:
-    """Return the speeds (N + 1,) [m/s] of a car that takes up the desired speed from below."""
-    t = params.model.step_s * np.arange(params.model.horizon + 1)
-    _, v_ref = reference_path.arcs_at(scene.path, np.array([x0.theta]))
-    drive = params.limits.drive_n / car.m
-    return np.minimum(x0.vx + drive * t, max(float(v_ref[0]), x0.vx))
 
 
 def _hazard(obstacle, arcs, params) -> Hazard:
