@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from mpcc_controller.driving.actuator_monitor import (
-    FAULT,
     FORCE,
     LEAD_RAD,
     STEER,
@@ -16,9 +15,7 @@ from mpcc_controller.driving.actuator_monitor import (
     ActuatorState,
 )
 from mpcc_controller.driving.delay_compensation import SetpointRamp, constant_ramp
-from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
-from msgs_yaml import conformance, encode
 from msgs_yaml.types import Actuators
 
 TICK, MS = 50_000_000, 1_000_000
@@ -170,23 +167,3 @@ def test_a_driving_force_is_not_asked_for_beyond_the_plan(plan):
     """A driver brakes: the car does not drive against that."""
     plan.begin_with(FORCE, force=-6000.0)
     assert plan.target((0.0, 2000.0), REST).Fx == 0.0
-
-
-def test_the_report_tells_the_error_and_the_fault_and_the_plan_begins_there(controller, world):
-    for k in range(1, 8):
-        x = world.rolling(X=10.0 + k, stamp_ns=k * TICK)
-        record = controller.step(TickInputs(x, actuators=message(k * TICK, 0.04)))
-        _, why = controller.report(record)
-        assert not conformance.check('/controller/why', encode.why(why))
-        assert (FAULT in why.values) == (k >= 5)
-    assert why.values[FAULT] == STEER
-    assert why.values['actuators.age_ms'] == 0.0
-    assert 0.02 < why.values['actuators.steer_error_rad'] <= 0.08
-    assert record.x0.delta == why.values['set_point.delta'] == 0.04
-    assert record.decision.plan.X[0][-2] == pytest.approx(0.04)
-    text = controller.memory.actuators.describe()
-    assert 'steering angle 0.040 rad' in text
-    assert 'force' not in text
-    *_, why = world.tick(controller, world.rolling(X=18.0, stamp_ns=20 * TICK))
-    assert not [name for name in why.values if name.startswith('actuators')]
-    assert controller.memory.actuators.describe() == 'the actuators follow their set-points'

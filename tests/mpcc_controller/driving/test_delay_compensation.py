@@ -114,27 +114,6 @@ def test_in_lockstep_there_is_no_delay(controller, world):
     assert (prediction.X[0], prediction.stamp_ns) == (10.0, TICK)
 
 
-@pytest.mark.parametrize('ticks', [1, 2])
-def test_late_commands_are_compensated_for_in_lockstep_too(world, ticks):
-    """The plan starts at the state that the car reaches under the commands on their way."""
-    late = Controller(*world.load(delay__command_s=ticks * 0.05))
-    world.set_inputs(late, world.lane_change())
-    advance = world.make_car(late.car)
-    x, expected = State(40.0, 0.0, 0.0, 20.0, 0.0, 0.0, 40.0, 0.0, 0.0), {}
-    arriving = [Command(0, 0.0, 0.0, 0.0, 0.0)] * ticks
-    for k in range(1, 26):
-        command, prediction, why = world.tick(late, VehicleState(k * TICK, *x[:6]))
-        assert why.values['time.lead_ms'] == pytest.approx(50 * ticks)
-        assert prediction.stamp_ns == (k + ticks) * TICK
-        expected[k + ticks] = prediction.X[0], prediction.Y[0], prediction.psi[0]
-        if k in expected:
-            assert expected[k] == pytest.approx((x.X, x.Y, x.psi), abs=2e-3)
-        arriving = [*arriving, command]
-        x = advance(x, arriving.pop(0))
-    assert x.Y > 1.0  # it has changed lanes, so that steering mattered
-    assert not late.memory.rejections
-
-
 def test_after_an_early_state_the_last_setpoint_is_reached_first(realtime, world):
     command, *_ = world.tick(realtime, world.rolling(X=10.0, v=18.0, stamp_ns=TICK))
     ramp = realtime.active_ramp

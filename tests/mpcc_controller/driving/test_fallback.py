@@ -11,10 +11,8 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from mpcc_controller.driving.fallback import BRAKING, RECOVERY, SHIFTED, Plans
 from mpcc_controller.driving.gate import Gate
 from mpcc_controller.driving.records import unknown_state
-from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import Fallback
 from msgs_yaml import conformance, encode
-from msgs_yaml.types import VehicleState
 from stage_solver.solution import FAILED, ONE_STEP, SOLVED, STOPPED_EARLY, Solution
 from stage_solver.stage_problem import Plan
 
@@ -308,33 +306,6 @@ def test_a_stale_state_that_is_noticed_late_is_answered_with_the_plan_of_now(con
     answer = step(9, known=False, fault='state_stale')
     assert answer.decision == (SHIFTED, 'state_stale', None)
     assert answer.command.delta == pytest.approx(steering[3], abs=1e-9)
-
-
-def test_a_car_that_nobody_measures_any_more_stays_on_its_line_by_dead_reckoning(
-    controller, world, step
-):
-    limits, advance = controller.params.limits, world.make_car(controller.car)
-    x = State(40.0, 0.0, 0.0, 20.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    answers, states = [], []
-    for k in range(60):
-        known = k < 10
-        changes = VehicleState((k + 1) * TICK, *x[:6])._asdict() if known else {}
-        changes.pop('X', None)
-        fault = '' if known else 'state_stale'
-        answers.append(step(k, X=x.X, known=known, fault=fault, **changes))
-        assert answers[-1].why.values['gate'] == 'passed'
-        x = advance(x, answers[-1].command)
-        states.append(x)
-    decisions, plan = [a.decision for a in answers], answers[9].prediction
-    assert decisions[10:15] == [(SHIFTED, 'state_stale', None)] * 5
-    assert decisions[15:38] == [(BRAKING, 'state_stale', 'plan')] * 23
-    assert decisions[-1] == (BRAKING, 'state_stale', 'none')  # nothing is known any more
-    for there in states[10:40]:
-        assert abs(there.Y - np.interp(there.X, plan.X, plan.Y)) < 0.3
-    forces = [a.force for a in answers]
-    assert np.abs(np.diff(forces)).max() <= limits.force_rate_nps * 0.05 * (1 + 1e-6)
-    assert forces[30] < -8000.0
-    assert states[-1].vx < 5.0
 
 
 # a command that the gate turns back
