@@ -8,7 +8,6 @@ run_time_parameters
                   weights and limits that may be changed between two steps
 car_file          the car as the controller knows it, and the limits of its actuators
 covering_circles  circles over the outline of the car
-brake_split       the front share of the braking force, an input or a constant
 minimum_speed     speeds at which a controller stops instead of driving
 driving           one command per state: planner, fallbacks, safety gate, watchdog; no ROS
 problem           the optimal control problems: formulations, cost terms, constraints

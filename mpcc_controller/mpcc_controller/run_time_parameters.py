@@ -9,8 +9,8 @@ import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from mpcc_controller import brake_split, car_file, covering_circles, minimum_speed
-from mpcc_controller.parameters import CarParams, ControllerParams, Limits
+from mpcc_controller import car_file, covering_circles, minimum_speed
+from mpcc_controller.parameters import FIXED, CarParams, ControllerParams, Limits
 from node_runtime import parameters
 from node_runtime.parameters import ParameterError
 
@@ -19,6 +19,9 @@ EMERGENCY_LIMITS = ('steer_rad', 'steer_rate_radps', 'brake_n', 'force_rate_nps'
 GROUPS = ('tolerances', 'priorities', 'safety', 'envelope', 'limits')
 REPORTED = 'set.'  # before the name, in /controller/why
 SOURCE = 'set'  # in errors, in place of the file and line of a value
+# of a fixed split: Brown & Gerdes, "Coordinating tire forces to avoid obstacles using nonlinear
+# model predictive control", IEEE T-IV 2019, and its predecessors fix 0.6 to 0.7
+FRONT_SHARE = 0.65
 
 
 def names(params: ControllerParams) -> frozenset[str]:
@@ -67,9 +70,29 @@ def in_force(params: ControllerParams, vehicle: CarParams) -> ControllerParams:
     does not have, and for a car that cannot be predicted in steps of `model.step_s`.
     """
     params = car_file.limit_to_car(params, vehicle)
-    params = brake_split.with_fixed_split(params)
+    params = with_fixed_split(params)
     params = minimum_speed.with_stable_speed(minimum_speed.with_low_speed(params), vehicle)
     return covering_circles.with_covering_circles(params, vehicle)
+
+
+def with_fixed_split(params: ControllerParams) -> ControllerParams:
+    """Return the parameters with both limits of the split at the share of a fixed one.
+
+    Raises ParameterError for a share without a fixed split.
+    """
+    share = params.formulation.brake_front_share
+    if params.formulation.brake_split != FIXED:
+        if share is not None:
+            raise ParameterError(
+                f'formulation.brake_front_share: is {share:g}, but formulation.brake_split is '
+                f'free; allowed with {FIXED}'
+            )
+        return params
+    share = FRONT_SHARE if share is None else share
+    limits = dataclasses.replace(
+        params.limits, brake_front_share_min=share, brake_front_share_max=share
+    )
+    return dataclasses.replace(params, limits=limits)
 
 
 def check_effect(

@@ -2,9 +2,8 @@
 
 controller           holds memory and inputs between ticks; `step(TickInputs) -> TickRecord`
 tick                 the whole tick, pure: (memory, inputs, scene, parts) -> (memory, record)
-memory               what one tick leaves to the next
 parts                what ticks work with: parameters, and what is built from them
-records              inputs and record of a tick
+records              inputs, record and memory of a tick
 tick_report          explains a record: /controller/why and the predicted poses
 planner              one plan: which guess, which problems, which solution, what fallback
 prediction_model     parameters, car and formulation of the plans; the problem of a tick
@@ -24,7 +23,6 @@ setpoints            set-points of the actuators, and commands
 friction_estimate    friction of the road from the motion of the car
 obstacle_perception  obstacles as the controller knows them: errors, expected braking, memory
 measurement_errors   errors added to what is received, a test option
-warm_up_scene        an obstacle ahead, for a controller that warms up
 delay_compensation   predicts the state to the effect of its command
 gate                 the last check of a command
 trigger              which states are answered

@@ -11,15 +11,14 @@ from dataclasses import replace
 import numpy as np
 
 from mpcc_controller import run_time_parameters
-from mpcc_controller.driving import path_progress, planner, setpoints, tick, warm_up_scene
+from mpcc_controller.driving import path_progress, planner, setpoints, tick
 from mpcc_controller.driving.actuator_monitor import ActuatorState
 from mpcc_controller.driving.delay_compensation import SetpointRamp, constant_ramp
 from mpcc_controller.driving.internal_errors import INTERNAL_ERROR, InternalErrors
-from mpcc_controller.driving.memory import Memory
 from mpcc_controller.driving.obstacle_perception import Sightings
 from mpcc_controller.driving.parts import Parts
 from mpcc_controller.driving.path_progress import Progress
-from mpcc_controller.driving.records import TickInputs, TickRecord, unknown_state
+from mpcc_controller.driving.records import Memory, TickInputs, TickRecord, unknown_state
 from mpcc_controller.driving.tick_report import ERROR, TickReporter
 from mpcc_controller.model.single_track import Car
 from mpcc_controller.parameters import CarParams, ControllerParams
@@ -29,6 +28,7 @@ from msgs_yaml import conversions
 from msgs_yaml.types import (
     Actuators,
     Command,
+    Obstacle,
     Obstacles,
     Prediction,
     Reference,
@@ -39,7 +39,9 @@ from msgs_yaml.types import (
 from node_runtime.parameters import ParameterError
 
 NEVER_NS = -1  # older than every stamp
-EMERGENCIES = 5  # of the steps that warm up
+EMERGENCIES = 5  # of the steps that warm up: with an obstacle that is not there
+AHEAD_S = 1.5  # of driving at the present or the desired speed, to that
+LEAST_AHEAD_M = 8.0
 
 
 class Controller:
@@ -259,7 +261,7 @@ class Controller:
         try:
             for number in range(steps):
                 is_emergency = compares and number < EMERGENCIES
-                self.scene = warm_up_scene.with_obstacle_ahead(scene, x) if is_emergency else scene
+                self.scene = _with_obstacle_ahead(scene, x) if is_emergency else scene
                 stamp_ns = conversions.add_seconds(x.stamp_ns, self.params.model.step_s)
                 x = x._replace(stamp_ns=stamp_ns)
                 yield self.step(TickInputs(x))
@@ -287,3 +289,16 @@ class Controller:
             friction=friction.start if friction else None,
             believed=self.params.model.friction,
         )
+
+
+def _with_obstacle_ahead(scene: Scene, x: VehicleState) -> Scene:
+    """Return a complete scene with one obstacle instead of its own, on the path ahead of the car.
+
+    A car at `x` has to pass it or to brake for it.
+    """
+    theta = reference_path.project(scene.path, x.X, x.Y, None, 0.0)
+    _, v_ref = reference_path.arcs_at(scene.path, theta)
+    ahead = max(AHEAD_S * max(x.vx, float(v_ref)), LEAST_AHEAD_M)
+    arcs, _ = reference_path.arcs_at(scene.path, theta + ahead)
+    obstacle = Obstacle(1, float(arcs.X), float(arcs.Y), 0.5, 0.0, 0.0)
+    return scene._replace(obstacles=Obstacles(scene.obstacles.stamp_ns, (obstacle,)))

@@ -9,10 +9,9 @@ from functools import partial
 from mpcc_controller.driving import choose, fallback, guesses, recovery
 from mpcc_controller.driving.choose import BRAKE, FOLLOWED, Candidacy, Outcome
 from mpcc_controller.driving.fallback import Decision
-from mpcc_controller.driving.memory import LastSolve, Memory
 from mpcc_controller.driving.parts import Parts
 from mpcc_controller.driving.prediction_model import TickProblem
-from mpcc_controller.driving.records import Attempt, Comparison
+from mpcc_controller.driving.records import Attempt, Comparison, LastSolve, Memory
 from mpcc_controller.driving.ways import RoadAhead
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import REFRESHED

@@ -28,9 +28,8 @@ from mpcc_controller.driving.fallback import BRAKING, RECOVERY, Decision
 from mpcc_controller.driving.friction_estimate import FrictionBelief
 from mpcc_controller.driving.gate import UNTIMELY
 from mpcc_controller.driving.internal_errors import INTERNAL_ERROR
-from mpcc_controller.driving.memory import Memory
 from mpcc_controller.driving.parts import Parts
-from mpcc_controller.driving.records import TickInputs, TickRecord
+from mpcc_controller.driving.records import Memory, TickInputs, TickRecord
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.driving.watchdog import STATE_STALE
 from mpcc_controller.model.single_track import Car

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mpcc_controller import brake_split
+from mpcc_controller import run_time_parameters
 from mpcc_controller.driving import planner
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.path_progress import LOST_M
@@ -162,7 +162,7 @@ def test_refreshing_ends_with_the_time_of_the_solver(world, limit_s, solves):
 @pytest.mark.parametrize(
     ('name', 'changes', 'share'),
     [
-        ('mpcc', {'formulation__brake_split': 'fixed'}, brake_split.FRONT_SHARE),
+        ('mpcc', {'formulation__brake_split': 'fixed'}, run_time_parameters.FRONT_SHARE),
         (
             'frenet',
             {'formulation__brake_split': 'fixed', 'formulation__brake_front_share': 0.6},
