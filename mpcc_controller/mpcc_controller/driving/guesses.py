@@ -109,10 +109,10 @@ def along_profile(
     start, rate = lateral_motion(around, x0)
     e = np.full(len(t), start)
     time, here = 0.0, start
-    knots = [*zip(shape.enter, shape.leave, shape.offset)]
-    end = shape.leave[-1]
-    back = math.sqrt(QUINTIC_PEAK * abs(shape.offset[-1]) / (0.4 * GRAVITY))
-    knots.append((end + max(back, RETURN_TIME_S), math.inf, 0.0))
+    last = shape.slots[-1]
+    back = math.sqrt(QUINTIC_PEAK * abs(last.offset) / (0.4 * GRAVITY))
+    knots = [(slot.enter, slot.leave, slot.offset) for slot in shape.slots]
+    knots.append((last.leave + max(back, RETURN_TIME_S), math.inf, 0.0))
     for begin, leave, target in knots:
         T = max(begin - time, LEAST_TIME_S)
         later = t >= time

@@ -132,17 +132,7 @@ def _left_of(arcs, X, Y):
     return np.cos(arcs.psi) * (Y - arcs.Y) - np.sin(arcs.psi) * (X - arcs.X)
 
 
-class Profile(NamedTuple):
-    """Lateral offsets from the path that a guess takes: held from `enter` to `leave`."""
-
-    enter: list[float]  # s
-    leave: list[float]  # s
-    offset: list[float]  # m, left of the path
-    acceleration: float  # m/s^2, the largest lateral one of the way there
-    least_cost: float  # of the contouring error that no such plan avoids
-
-
-class _Slot(NamedTuple):
+class Slot(NamedTuple):
     """The offsets from the path between which the car passes one hazard."""
 
     enter: float  # s
@@ -153,6 +143,14 @@ class _Slot(NamedTuple):
     least_cost: float  # of the contouring error meanwhile
 
 
+class Profile(NamedTuple):
+    """Lateral offsets from the path that a guess takes: each is held over its slot."""
+
+    slots: tuple[Slot, ...]
+    acceleration: float  # m/s^2, the largest lateral one of the way there
+    least_cost: float  # of the contouring error that no such plan avoids
+
+
 def side_combinations(
     around: RoadAhead, x0: State, params: ControllerParams
 ) -> list[tuple[Sides, Profile]]:
@@ -161,43 +159,27 @@ def side_combinations(
     Where no car fits between obstacles or beside the road there is
     no way; obstacles beyond the first MOST_SIDES are left to the solver.
     """
-    hazards = around.hazards[:MOST_SIDES]
+    hazards, motion = around.hazards[:MOST_SIDES], lateral_motion(around, x0)
     ways = []
     for chosen in itertools.product((LEFT, RIGHT), repeat=len(hazards)):
-        shape = profile(around, hazards, chosen, x0, params)
-        if shape is not None:
+        slots: list[Slot] = []
+        for hazard, side in zip(hazards, chosen):
+            slot = _slot_beside(around, hazard, side, params)
+            if slot is not None and slots and slot.enter < slots[-1].leave:
+                slots[-1], slot = _overlap(slots[-1], slot)
+            if slot is None:
+                break
+            slots.append(slot)
+        else:
+            least_cost = max(slot.least_cost for slot in slots)
+            shape = Profile(tuple(slots), _largest_acceleration(slots, *motion), least_cost)
             ways.append(({h.obstacle.id: side for h, side in zip(hazards, chosen)}, shape))
     return sorted(ways, key=lambda way: way[1].acceleration)
 
 
-def profile(
-    around: RoadAhead,
-    hazards: Sequence[Hazard],
-    chosen: Sequence[int],
-    x0: State,
-    params: ControllerParams,
-) -> Profile | None:
-    """Return the offsets that pass `hazards` on the `chosen` sides; None where no car fits."""
-    slots: list[_Slot] = []
-    for hazard, side in zip(hazards, chosen):
-        slot = _slot_beside(around, hazard, side, params)
-        if slot is not None and slots and slot.enter < slots[-1].leave:
-            slots[-1], slot = _overlap(slots[-1], slot)
-        if slot is None:
-            return None
-        slots.append(slot)
-    return Profile(
-        [slot.enter for slot in slots],
-        [slot.leave for slot in slots],
-        [slot.offset for slot in slots],
-        _largest_acceleration(slots, *lateral_motion(around, x0)),
-        max((slot.least_cost for slot in slots), default=0.0),
-    )
-
-
 def _slot_beside(
     around: RoadAhead, hazard: Hazard, side: int, params: ControllerParams
-) -> _Slot | None:
+) -> Slot | None:
     """Return where a car passes a hazard on one side; None where it does not fit."""
     dt, last = params.model.step_s, len(around.left) - 1
     first, final = round(hazard.enter / dt), min(round(hazard.leave / dt), last)
@@ -218,10 +200,10 @@ def _slot_beside(
     stages = final - first + 1
     least_cost = stages * (needed / params.tolerances.contouring_m) ** 2
     offset = min(max(target, right), left)
-    return _Slot(hazard.enter, hazard.leave, right, left, offset, least_cost)
+    return Slot(hazard.enter, hazard.leave, right, left, offset, least_cost)
 
 
-def _overlap(before: _Slot, after: _Slot) -> tuple[_Slot, _Slot | None]:
+def _overlap(before: Slot, after: Slot) -> tuple[Slot, Slot | None]:
     """Return both slots where both hazards are beside the car at once; None without room."""
     low, high = max(after.low, before.low), min(after.high, before.high)
     if low > high:
@@ -238,7 +220,7 @@ def _overlap(before: _Slot, after: _Slot) -> tuple[_Slot, _Slot | None]:
     return before, after
 
 
-def _largest_acceleration(slots: Sequence[_Slot], start: float, rate: float) -> float:
+def _largest_acceleration(slots: Sequence[Slot], start: float, rate: float) -> float:
     """Return the largest lateral acceleration [m/s^2] from the offset `start` through the slots."""
     acceleration, t, e = 0.0, 0.0, start
     for slot in slots:
