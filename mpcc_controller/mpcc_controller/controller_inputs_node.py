@@ -100,17 +100,32 @@ class ControllerInputs:
             self._on_input()
 
     def take_actuators(self) -> None:
-        """Take the newest message of the actuators, for a (re)start or the state of a tick."""
-        raw = self.newest_actuators.take()
-        if raw is None:
-            if self._has_no_actuators():
-                self._trigger.on_actuators(self._trigger.state)
-        else:
+        """Take the newest message of the actuators, for a (re)start or the state of a tick.
+
+        A first state that nobody publishes actuators for is answered after a second without them;
+        as late those are not compared any more that do not come with the states.
+        """
+        raw, trigger, now_ns = self.newest_actuators.take(), self._trigger, self._wall.now_ns()
+        if raw is not None:
             # after a message that cannot be read the next one follows within a millisecond
             with suppress(decode.DecodeError):
-                self._trigger.on_actuators(decode.stamp_ns_of(raw))
+                trigger.on_actuators(decode.stamp_ns_of(raw))
                 self.actuators = raw
-        self._stop_waiting()
+        elif self.state is None or self.actuators or self.newest_actuators.has_publisher():
+            self._alone_since_ns = None
+        else:
+            self._alone_since_ns = self._alone_since_ns or now_ns
+            if now_ns - self._alone_since_ns > ALONE_NS:
+                trigger.on_actuators(trigger.state)
+        if not trigger.waits_for_actuators:
+            self._waits_since_ns = None
+            return
+        self._waits_since_ns = self._waits_since_ns or now_ns
+        if now_ns - self._waits_since_ns > ALONE_NS:
+            trigger.with_states = False
+            self._node.get_logger().warning(
+                f'no message of {ACTUATORS} has the stamp of the state: not compared any more'
+            )
 
     def decode_state(self) -> VehicleState:
         """Return the state; an unknown one, logged, if its message violates the contract."""
@@ -126,33 +141,7 @@ class ControllerInputs:
         self.take_actuators()
         if self.actuators is None or not self._trigger.with_states:
             return None
-        try:
-            return subscriptions_node.read_actuators(self.actuators)
-        except decode.DecodeError as error:
-            self._reject(ACTUATORS, UNREADABLE, f'{error}; not compared with the set-points')
-            return None
-
-    def _stop_waiting(self):
-        """Compare no actuators any more that do not come with the states, for a second already."""
-        now_ns = self._wall.now_ns()
-        if not self._trigger.waits_for_actuators:
-            self._waits_since_ns = None
-            return
-        self._waits_since_ns = self._waits_since_ns or now_ns
-        if now_ns - self._waits_since_ns > ALONE_NS:
-            self._trigger.with_states = False
-            self._node.get_logger().warning(
-                f'no message of {ACTUATORS} has the stamp of the state: not compared any more'
-            )
-
-    def _has_no_actuators(self):
-        """Return whether a state is there and nobody publishes actuators, for a second already."""
-        if self.state is None or self.actuators or self.newest_actuators.has_publisher():
-            self._alone_since_ns = None
-            return False
-        now_ns = self._wall.now_ns()
-        self._alone_since_ns = self._alone_since_ns or now_ns
-        return now_ns - self._alone_since_ns > ALONE_NS
+        return self._read_actuators('not compared with the set-points')
 
     def decode_actuators(self) -> Actuators | None:
         """Return the actuators; None, logged, if their message violates the contract.
@@ -162,13 +151,19 @@ class ControllerInputs:
         if self.actuators is None:
             last = self._controller.last_command
             return Actuators(last.stamp_ns, last.delta, 0.0, last.Fxf, last.Fxr, NO_TORQUES)
-        try:
-            actuators = subscriptions_node.read_actuators(self.actuators)
-            self._trigger.with_states = True
-            return actuators
-        except decode.DecodeError as error:
-            self._reject(ACTUATORS, UNREADABLE, f'{error}; waiting for valid ones to start from')
+        actuators = self._read_actuators('waiting for valid ones to start from')
+        if actuators is None:
             self.actuators = None
+        else:
+            self._trigger.with_states = True
+        return actuators
+
+    def _read_actuators(self, consequence: str) -> Actuators | None:
+        """Return the actuators; None, logged with what follows, if they violate the contract."""
+        try:
+            return subscriptions_node.read_actuators(self.actuators)
+        except decode.DecodeError as error:
+            self._reject(ACTUATORS, UNREADABLE, f'{error}; {consequence}')
             return None
 
     def refuse_path_elsewhere(self) -> bool:

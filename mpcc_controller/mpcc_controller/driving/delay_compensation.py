@@ -54,14 +54,6 @@ class SetpointRamp(NamedTuple):
         return Setpoints(*(a + (b - a) * share for a, b in zip(self.begin, self.end)))
 
 
-class RampSegment(NamedTuple):
-    """A time over which the set-points move at constant rates."""
-
-    duration_s: float
-    begin: Setpoints
-    end: Setpoints
-
-
 def setpoints_at(ramps: Sequence[SetpointRamp], stamp_ns: int) -> tuple[Setpoints, float]:
     """Return set-points and brake split at an instant; each ramp ends where the next one begins."""
     ramp = next((ramp for ramp in reversed(ramps) if ramp.begin_ns <= stamp_ns), ramps[0])
@@ -71,16 +63,6 @@ def setpoints_at(ramps: Sequence[SetpointRamp], stamp_ns: int) -> tuple[Setpoint
 def constant_ramp(setpoints: Setpoints, lambda_b: float) -> SetpointRamp:
     """Return a ramp that holds the set-points at all times."""
     return SetpointRamp(0, setpoints, 0, setpoints, lambda_b)
-
-
-def split_ramp(ramp: SetpointRamp, from_ns: int, to_ns: int) -> tuple[RampSegment, ...]:
-    """Return the segments of a ramp between two instants, split at its begin and end."""
-    # begin and end coincide for a command that was due when it took effect
-    corners = sorted({ns for ns in (ramp.begin_ns, ramp.end_ns) if from_ns < ns < to_ns})
-    instants = [from_ns, *corners, to_ns]
-    return tuple(
-        RampSegment((b - a) / NS_PER_S, ramp.at(a), ramp.before(b)) for a, b in pairwise(instants)
-    )
 
 
 def still_needed(ramps: Sequence[SetpointRamp], from_ns: int) -> tuple[SetpointRamp, ...]:
@@ -106,18 +88,21 @@ def predict(
     for ramp, following in zip_longest(ramps, ramps[1:]):
         end_ns = min(following.begin_ns, stamp_ns) if following else stamp_ns
         if end_ns > begin_ns:
-            for segment in split_ramp(ramp, begin_ns, end_ns):
-                x = _integrate(x, segment, ramp.lambda_b, car)
+            # begin and end coincide for a command that was due when it took effect
+            corners = {ns for ns in (ramp.begin_ns, ramp.end_ns) if begin_ns < ns < end_ns}
+            for from_ns, to_ns in pairwise([begin_ns, *sorted(corners), end_ns]):
+                x = _integrate(x, ramp, from_ns, to_ns, car)
             begin_ns = end_ns
     return VehicleState(stamp_ns, x.X, x.Y, x.psi, x.vx, x.vy, x.r)
 
 
-def _integrate(x: State, segment: RampSegment, lambda_b: float, car: Car) -> State:
-    begin, end, duration_s = segment.begin, segment.end, segment.duration_s
+def _integrate(x: State, ramp: SetpointRamp, from_ns: int, to_ns: int, car: Car) -> State:
+    """Return the state after a time in which the set-points move at constant rates."""
+    begin, end, duration_s = ramp.at(from_ns), ramp.before(to_ns), (to_ns - from_ns) / NS_PER_S
     u = Input(
         d_delta=(end.delta - begin.delta) / duration_s,
         d_Fx=(end.Fx - begin.Fx) / duration_s,
-        lambda_b=lambda_b,
+        lambda_b=ramp.lambda_b,
         slack=0.0,
     )
     flat = np.array(x._replace(theta=0.0, delta=begin.delta, Fx=begin.Fx))

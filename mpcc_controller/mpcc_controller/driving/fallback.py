@@ -32,11 +32,6 @@ class Decision(NamedTuple):
     plan: Plan | None
 
 
-def accept(plan: Plan) -> str:
-    """Return no objection to a plan."""
-    return ''
-
-
 class Plans(NamedTuple):
     """The plan that is followed, the last good one, and the failures of the solver in a row."""
 
@@ -60,7 +55,7 @@ class Plans(NamedTuple):
         solution: Solution,
         shifted: Plan | None,
         sliding: bool = False,
-        objection: Callable[[Plan], str] = accept,
+        objection: Callable[[Plan], str] = lambda plan: '',
     ) -> tuple['Plans', Decision]:
         """Return the decision for the solution of this tick; `shifted` is the last plan, moved on.
 
@@ -84,7 +79,7 @@ class Plans(NamedTuple):
         params: Fallback,
         reason: str,
         shifted: Plan | None,
-        objection: Callable[[Plan], str] = accept,
+        objection: Callable[[Plan], str] = lambda plan: '',
     ) -> tuple['Plans', Decision]:
         """Return the decision without a usable solution: the shifted plan, or braking."""
         if shifted is None or self.age >= params.max_plan_age:
