@@ -115,13 +115,11 @@ class Outcome(NamedTuple):
         """Whether the plan may be driven."""
         return not self.rejection
 
-    @property
-    def is_clean(self) -> bool:
-        """Whether the plan may be driven, touches nothing and stays on the road."""
-        return self.is_almost_clean(0.0)
+    def is_clean(self, overlap: float = 0.0) -> bool:
+        """Return whether it may be driven, stays on the road and touches nothing.
 
-    def is_almost_clean(self, overlap: float) -> bool:
-        """Return whether it is clean but for an overlap [m] of circles."""
+        But for an `overlap` [m] of circles.
+        """
         touches = self.least_gap < CONTACT_M - overlap
         return self.is_usable and not touches and self.off_road <= OFF_ROAD_M
 
@@ -266,7 +264,7 @@ def choose(
         return cost * (1 + params.path_share) if are_opposed(outcome.sides, path_sides) else cost
 
     costs = [cost_of(outcome) for outcome in outcomes]
-    clean = [o.is_almost_clean(0.0 if i else STILL_CLEAR_M) for i, o in enumerate(outcomes)]
+    clean = [o.is_clean(0.0 if i else STILL_CLEAR_M) for i, o in enumerate(outcomes)]
     # plans that touch: the slower ones first, in steps of SPEED_STEP_MPS
     order = [
         (not o.is_usable, not is_clean, round(o.contact_speed / SPEED_STEP_MPS), cost)
@@ -289,8 +287,8 @@ def keep(known: Candidacy, choice: Choice, params: Candidates) -> Candidacy:
     kept = known.kept
     for other in resting:
         if not any(is_same_way(other.sides, plan.sides) for plan in (driven, *kept)):
-            kept = (*kept, other if driven.is_clean else other._replace(rests=0))
-    waits = known.waits if driven.is_clean else MappingProxyType({})
+            kept = (*kept, other if driven.is_clean() else other._replace(rests=0))
+    waits = known.waits if driven.is_clean() else MappingProxyType({})
     return known._replace(kept=kept, waits=waits)
 
 
@@ -306,7 +304,7 @@ def keep_new_ways(
         )
         if is_new:
             name = BRAKE if outcome.name == BRAKE else ways.name_of(outcome.sides)
-            rests = RESTS if driven.is_clean and outcome.whole_cost > dear else 0
+            rests = RESTS if driven.is_clean() and outcome.whole_cost > dear else 0
             kept = (*kept, Kept(name, outcome.sides, outcome.solution.plan, rests))
         elif outcome is not driven and outcome.name != FOLLOWED:
             attempts = waits.pop(outcome.name, Wait(0, 0)).attempts

@@ -171,7 +171,7 @@ def _solutions(attempt: Attempt) -> dict:
             f'{key}.cost': solution.cost,
             f'{key}.iterations': solution.iterations,
             f'{key}.cpu_ms': 1e3 * solution.cpu_s,
-            f'{key}.clean': outcome.is_clean,
+            f'{key}.clean': outcome.is_clean(),
             f'{key}.way': ways.name_of(outcome.sides) or 'none',
         }
         if np.isfinite(outcome.least_gap):
