@@ -131,3 +131,23 @@ def test_the_speed_below_which_a_car_stops_is_told(world, low_speed, least, text
     params = minimum_speed.with_low_speed(world.load(model__low_speed=low_speed)[0])
     assert minimum_speed.least_driven(params.limits) == least
     assert all(text in minimum_speed.stopping_text(params.limits) for text in texts)
+
+
+@pytest.mark.parametrize(
+    ('split', 'share', 'shares'),
+    [
+        (None, None, (0.4, 0.9)),  # free, within the limits of the file
+        ('fixed', None, (0.65, 0.65)),
+        ('fixed', 0.6, (0.6, 0.6)),
+        ('free', 0.6, r'^formulation\.brake_front_share: is 0\.6, .*allowed with fixed'),
+    ],
+)
+def test_the_limits_of_the_brake_split_in_force(world, vehicle, split, share, shares):
+    changes = {'formulation__brake_split': split, 'formulation__brake_front_share': share}
+    params, _ = world.load(**changes)
+    if isinstance(shares, str):
+        with pytest.raises(ParameterError, match=shares):
+            run_time_parameters.in_force(params, vehicle)
+        return
+    limits = run_time_parameters.in_force(params, vehicle).limits
+    assert (limits.brake_front_share_min, limits.brake_front_share_max) == shares

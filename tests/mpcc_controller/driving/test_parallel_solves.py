@@ -165,16 +165,16 @@ def test_a_solver_that_hangs_is_not_used_until_it_returns(pool, hanging):
 
 
 def test_the_threads_end_with_the_solvers(pool):
-    def count():
-        return sum(thread.name == 'candidates' for thread in threading.enumerate())
+    def running():
+        return {thread for thread in threading.enumerate() if thread.name == 'candidates'}
 
-    gc.collect()
-    before, solves = count(), pool(1, 1)
+    before, solves = running(), pool(1, 1)
     solves.run(lambda: None, [lambda solver: None], patient)
-    assert count() > before
+    started = running() - before
+    assert started
     del solves
     gc.collect()
-    wait_until(lambda: count() <= before, LONG_S, 'a thread did not end')
+    wait_until(lambda: not started & running(), LONG_S, 'a thread did not end')
 
 
 def test_a_solver_that_hangs_does_not_hold_the_end_of_the_process():

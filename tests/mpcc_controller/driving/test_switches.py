@@ -182,22 +182,10 @@ def test_a_fixed_split_brakes_with_its_share_and_has_no_cost(world, changed, nam
     assert ('lambda_b' in terms) == ('formulation__brake_split' not in changes)
 
 
-@pytest.mark.parametrize(
-    ('name', 'changes', 'field'),
-    [
-        ('frenet', {'model__theta': 'integrated'}, 'model.theta'),
-        ('tracking', {'model__theta': 'integrated'}, 'model.theta'),
-        ('mpcc', {'formulation__brake_front_share': 0.6}, 'formulation.brake_front_share'),
-        (
-            'mpcc',
-            {'formulation__brake_split': 'free', 'formulation__brake_front_share': 0.6},
-            'formulation.brake_front_share',
-        ),
-    ],
-)
-def test_a_switch_that_cannot_be_used_names_its_field(world, name, changes, field):
-    with pytest.raises(ParameterError, match=f'{field}: .*allowed'):
-        Controller(*world.load(name, **changes))
+@pytest.mark.parametrize('name', ['frenet', 'tracking'])
+def test_a_theta_that_cannot_be_integrated_is_named(world, name):
+    with pytest.raises(ParameterError, match=r'model\.theta: .*allowed'):
+        Controller(*world.load(name, model__theta='integrated'))
 
 
 # the modes of the solver
