@@ -151,3 +151,17 @@ def test_the_limits_of_the_brake_split_in_force(world, vehicle, split, share, sh
         return
     limits = run_time_parameters.in_force(params, vehicle).limits
     assert (limits.brake_front_share_min, limits.brake_front_share_max) == shares
+
+
+@pytest.mark.parametrize(
+    ('speed', 'minimum', 'relation'),
+    [
+        (6.98, 7.0, minimum_speed.BELOW),
+        (6.995, 7.0, minimum_speed.NEAR),  # a desired speed is rounded
+        (7.505, 7.0, minimum_speed.NEAR),
+        (7.52, 7.0, ''),
+        (0.0, 0.0, ''),
+    ],
+)
+def test_a_speed_is_compared_with_the_least_one_by_a_margin(speed, minimum, relation):
+    assert minimum_speed.compare(speed, minimum, 0.5) == relation
