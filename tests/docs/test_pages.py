@@ -44,7 +44,6 @@ SHIPPED = ('bags/reference', 'experiments/config', 'paper/picture', 'paper/setti
 # why a block is not run, and in how many blocks
 ONLY_THE_READER = {
     'another page drives on the wall clock': 1,
-    'drives what the next block loads': 1,
     'sets up the clone, as the tests do before they begin': 1,
     'needs an installation of ROS 2': 2,
     'changes the system of the reader': 1,
