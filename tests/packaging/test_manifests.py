@@ -138,9 +138,10 @@ def test_the_manifest_is_valid_and_agrees_with_setup_and_installation(package):
     assert (manifest.name, manifest.version, *manifest.licenses) == names
     assert manifest.get_build_type() == 'ament_python'
     assert (ROOT / package / 'LICENSE').read_text() == (ROOT / 'LICENSE').read_text()
-    scripts = setup['options'].get('entry_points', {}).get('console_scripts', ())
-    for name in (line.split(' = ')[0] for line in scripts):
-        assert os.access(ROOT / package / 'scripts' / name, os.X_OK), name
+    lines = setup['options'].get('entry_points', {}).get('console_scripts', ())
+    programs = {file.name: file for file in (ROOT / package).glob('scripts/*')}
+    assert {line.split(' = ')[0] for line in lines} == programs.keys()
+    assert all(os.access(file, os.X_OK) for file in programs.values())
 
 
 @pytest.fixture
