@@ -1,6 +1,6 @@
 # make demo      set up .venv on first use, drive the double lane change, compare, draw
 # make test      what a change is to pass: all tests that need no DDS, a smoke test of the nodes
-# make check     what the continuous integration runs: lint, every test, coverage of the safety modules
+# make check     what the continuous integration runs: lint, site, tests, of pages those that changed
 # make budget    lines, files and megabytes: are they within .ci/budget.txt?
 # make nightly   2,000 fresh emergencies, exceptions in a tick, every page and build (two hours)
 # make paper     both experiments of the paper, driven and drawn, into paper/

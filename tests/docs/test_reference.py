@@ -10,13 +10,13 @@ import plain_docstrings
 import pytest
 import reference_pages
 from installation import PACKAGES
-from reference_pages import command_pages, launch_table, markdown, metric_page, parameter_pages
+from reference_pages import command_pages, launch_table, markdown, parameter_pages
 from reference_pages.scenario_page import blocks
 
 import bags.cli
 import experiments.cli
 from bags.evaluation import metrics
-from bags.evaluation.metrics.registry import METRICS, Metric
+from bags.evaluation.metrics.registry import METRICS
 from experiments.run import launch_arguments
 from msgs_yaml import contract, share, strict_yaml
 from node_runtime import node_parameters, parameters
@@ -72,12 +72,7 @@ def test_every_topic_field_and_metric_is_on_its_page():
     assert CELL.findall(pages()['metrics']) == [*METRICS]
 
 
-def test_a_metric_of_ones_own_is_on_the_page_and_empty_columns_are_left_out():
-    def own_m(run):
-        """Own | value."""
-
-    page = metric_page.page([Metric(own_m, 'own', 'm/s²', 1, good_when=True)])
-    assert '| `own_m` | own | m/s² | yes | Own \\| value. |' in page
+def test_a_table_leaves_out_empty_columns_and_escapes_bars():
     text = markdown.table(('a', 'b', 'c'), [(markdown.code('x|y'), '', markdown.text('p|q_r'))])
     assert text == '| a | c |\n| --- | --- |\n| `x\\|y` | p\\|q\\_r |\n'
 
