@@ -40,6 +40,7 @@ PAGES = [
 ABOUT = re.compile(r'<!-- page: (.+?) -->')
 COMMAND = re.compile(r'\b(bags|experiments) ([a-z]+(?:-[a-z]+)?)\b')
 MODULE = re.compile(r'^(?:from|import) ([\w.]+)', re.MULTILINE)
+THIS = 'tests/docs/test_pages.py'
 SHIPPED = ('bags/reference', 'experiments/config', 'paper/picture', 'paper/settings')
 # why a block is not run, and in how many blocks
 ONLY_THE_READER = {
@@ -89,8 +90,9 @@ def about(page):
 def names_of(page):
     """Return patterns of the files that a page names, and of itself."""
     text = page.read_text()
-    names = {page.relative_to(ROOT).as_posix(), 'tests/docs/test_pages.py', 'Makefile'}
-    names.add('tests/helpers/tutorial_page.py')
+    names = {page.relative_to(ROOT).as_posix(), THIS, 'tests/helpers/tutorial_page.py'}
+    if 'demo' in about(page):
+        names.add('Makefile')
     for program, command in COMMAND.findall(text):
         names |= {f'{program}/{program}/commands/{command.replace("-", "_")}.py'}
     for module in MODULE.findall(text):
