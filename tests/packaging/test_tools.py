@@ -182,34 +182,15 @@ def test_a_server_that_cannot_be_reached_is_named_in_one_line(install, monkeypat
     assert 'secret' not in done.stderr + done.stdout
 
 
-SAMPLES = (
-    'command experiments run --controller',
-    'command experiments run --mode lockstep',
-    'command identify --out',
-    'node controller_node',
-    'parameter controller limits.brake_n',
-    'parameter player rate',
-    'config bmw_545i.yaml',
-    'controller mpcc_road',
-    'scenario double_lane_change',
-    'key friction_patches',
-    'family pop_up',
-    'topic /vehicle/odometry nav_msgs/msg/Odometry',
-    'column /vehicle/odometry vx_mps',
-    'metric min_v2o_m',
-    'figure figures/trajectories.png',
-    'launch use_sim_time',
-    'make demo',
-    'python experiments.drive',
-    'python bags.Run frame',
-)
-
-
 @pytest.mark.slow
 def test_the_inventory_lists_every_kind_of_name_that_users_rely_on():
     command = [sys.executable, ROOT / '.ci/inventory.py']
     done = subprocess.run(command, capture_output=True, text=True, timeout=240)
-    lines = done.stdout.splitlines()
-    assert (done.returncode, [n for n in SAMPLES if n not in lines]) == (0, []), done.stderr
-    kinds = list(dict.fromkeys(line.split()[0] for line in lines))
-    assert kinds == list(dict.fromkeys(name.split()[0] for name in SAMPLES))
+    assert done.returncode == 0, done.stderr  # 1 where a kind has no name
+    assert {
+        'command experiments run --mode lockstep',
+        'parameter controller limits.brake_n',
+        'topic /vehicle/odometry nav_msgs/msg/Odometry',
+        'figure figures/trajectories.png',
+        'python bags.Run frame',
+    } <= {*done.stdout.splitlines()}
