@@ -1,7 +1,7 @@
 """Links between files of the repository: relative, to files and headings that exist.
 
-So they work on the page view of a repository and in an editor, and on the site, whose build follows
-the same links (`outside_links`).
+So they work on the page view of a repository and in an editor, and on the site, whose build fails
+for a link that leads nowhere there.
 """
 
 import re
@@ -11,7 +11,6 @@ from functools import cache
 from pathlib import Path
 from urllib.parse import unquote
 
-import outside_links
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -60,35 +59,3 @@ def test_every_internal_link_leads_somewhere(page):
     inside = [target for target in targets if not OUTSIDE.match(target)]
     assert inside or page != 'README.md'
     assert {target: what for target in inside if (what := fault(ROOT / page, target))} == {}
-
-
-@pytest.mark.parametrize(
-    ('text', 'on_site'),
-    [
-        ('see [plant](../plant.md#axes), ![figure](figure.png), [web](https://a.example/b)', None),
-        ('[t](../../bench/table.md#rows)', '[t](../generated/repository/bench/table.md#rows)'),
-        ('[a download](../../bench/data.yaml)', None),
-        ('```\n[code](../../bench/table.md)\n```\n', None),
-    ],
-)
-def test_a_link_to_a_page_outside_docs_leads_to_its_copy_on_the_site(tmp_path, text, on_site):
-    docs = tmp_path / 'docs'
-    for name, content in {
-        'docs/howto/page.md': text,
-        'bench/table.md': '[back](../docs/plant.md#axes) [next](more.md)',
-        'bench/more.md': '# More',
-        'bench/data.yaml': 'a: 1',
-    }.items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(content)
-    page = docs / 'howto/page.md'
-    assert outside_links.rewrite(docs, page, 'howto/page.md', text, set()) == (on_site or text)
-
-    files = outside_links.write_pages(docs)
-    assert [path.name for path in files] == (['more.md', 'table.md'] if on_site else [])
-    copies = [docs / 'generated/repository/bench' / path.name for path in files]
-    if copies:
-        assert copies[1].read_text() == '[back](../../../plant.md#axes) [next](more.md)'
-    before = [copy.stat().st_mtime_ns for copy in copies]
-    outside_links.write_pages(docs)  # what is as it should be is not written again
-    assert [copy.stat().st_mtime_ns for copy in copies] == before

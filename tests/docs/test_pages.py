@@ -162,7 +162,7 @@ def read(text, folder, environment):
                 raise AssertionError(f'line {block.line}: {error}') from None
 
 
-@pytest.mark.timeout(900, func_only=True)
+@pytest.mark.timeout(1800, func_only=True)
 @pytest.mark.parametrize('page', parameters())
 def test_a_page_does_what_it_says(page, home, request):
     words = about(page)

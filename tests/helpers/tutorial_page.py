@@ -46,7 +46,7 @@ KIND = re.compile(
 )
 OF_LANGUAGE = {'sh': 'run', 'python': 'run', 'text': 'output'}
 SILENT = {'file', 'append', 'in', 'drawing'}  # no output follows them
-SHELL_S = 600.0  # of wall time for one block
+SHELL_S = 1200.0  # of wall time for one block
 # reads a length and as many bytes of source, runs it among the names of the blocks before
 PYTHON_LOOP = """
 import sys, traceback
