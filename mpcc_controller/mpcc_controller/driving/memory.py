@@ -36,7 +36,7 @@ class Memory:
     last: Command  # sent last, or the held actuators
     ramps: tuple[SetpointRamp, ...]  # set-points sent, the newest last
     sightings: Sightings
-    friction: friction_estimate.FrictionMemory | None  # None where it is not estimated
+    friction: friction_estimate.Memory | None  # None where it is not estimated
     believed: float  # friction coefficient
     actuators: ActuatorState = field(default_factory=ActuatorState)
     guide: tuple[int, np.ndarray] | None = None  # stamp [ns] and points [m] of the last plan, map
