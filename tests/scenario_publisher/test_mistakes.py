@@ -1,15 +1,21 @@
-"""Every mistake in a scenario is one line that names file, line, key and what is allowed."""
+"""Every mistake in a scenario is one line that names file, line, key and what is allowed.
+
+Whatever happens to a file, it is a scenario that can be driven or such a line.
+"""
 
 import copy
 import re
 
 import numpy as np
 import pytest
-import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
+from scenario_publisher import scenario
+from scenario_publisher.friction_patches import MAX_QUADRILATERALS
 from scenario_publisher.scenario import ScenarioError
 
-LINE = re.compile(r'bend\.yaml:\d+: [a-z_.\[\]0-9]+: .*; allowed ', re.DOTALL)
+LINE = re.compile(r'bend\.yaml:\d+: [A-Za-z_. \[\]0-9]+: ', re.DOTALL)
 
 
 def put(tree, key, new):
@@ -26,6 +32,16 @@ def line_of(x, y):
 
 def slow(x_m, y_m, **more):
     return {'x_m': x_m, 'y_m': y_m, 'radius_m': 0.5, **more}
+
+
+def patch(from_m, to_m, from_offset_m, to_offset_m, friction=0.3):
+    names = ('from_m', 'to_m', 'from_offset_m', 'to_offset_m', 'friction')
+    return dict(zip(names, (from_m, to_m, from_offset_m, to_offset_m, friction)))
+
+
+def patches(number):
+    # each a dict of its own: the same one again would be written as an alias
+    return [patch(2 * i, 2 * i + 1, 0, 4) for i in range(number)]
 
 
 X = np.linspace(0.0, 40.0, 41)
@@ -188,7 +204,70 @@ MISTAKES = {
         [slow(20.0, 2.0) for _ in range(201)],
         'has 201 obstacles; allowed at most 200',
     ),
+    'obstacle of another motion': (
+        'obstacles[1].motion',
+        'along',
+        "is 'along'; did you mean 'along_road'\\?; allowed straight or along_road",
+    ),
     'road far away': ('road.centre_line.start.x_m', 9999.0, 'reaches a coordinate of'),
+    'patch of no friction': (
+        'friction_patches',
+        [patch(5, 9, 0, 4, 0.0)],
+        r'\[0\].friction: is .*; allowed 0.05 to 1.5',
+    ),
+    'patch before the road': ('friction_patches', [patch(-1, 9, 0, 4)], 'is .* 0 to 20000 m'),
+    'patch beyond the road': (
+        'friction_patches',
+        [patch(5, 81, 0, 4)],
+        r'\[0\].to_m: lies beyond the road with 81; allowed up to 80.00 m',
+    ),
+    'patch backwards': (
+        'friction_patches',
+        [patch(9, 5, 0, 4)],
+        r'\[0\].to_m: is 5 m, not 0.1 m beyond from_m; allowed 9.1 m or more',
+    ),
+    'patch with left before right': (
+        'friction_patches',
+        [patch(5, 9, 4, 0)],
+        r'\[0\].to_offset_m: is 0 m, not 0.1 m beyond from_offset_m; allowed 4.1 m or more',
+    ),
+    'patch beyond the centre of the bend': (
+        'friction_patches',
+        [patch(30, 60, 0, 49)],
+        r'\[0\].to_offset_m: folds back in the bend at station \d+.\d m; allowed less than 0.95',
+    ),
+    'patch without an end': (
+        'friction_patches',
+        [{key: value for key, value in patch(5, 9, 0, 4).items() if key != 'to_m'}],
+        r'\[0\].to_m: is missing; allowed 0 to 20000 m',
+    ),
+    'too many patches': (
+        'friction_patches',
+        patches(MAX_QUADRILATERALS + 1),
+        'has 17 patches; allowed at most 16',
+    ),
+    'patch whose pieces no longer fit': (
+        'friction_patches',
+        [*patches(MAX_QUADRILATERALS - 2), patch(40, 80, 0, 4)],
+        r'\[14\]: needs more than 2 quadrilaterals to follow the road; '
+        'allowed 16 for all patches, 14 are taken by those before',
+    ),
+    'expected of a word': (
+        'expect',
+        {'survived': 'maybe'},
+        'allowed true, false, or a block of at_least and at_most',
+    ),
+    'expected of a number': ('expect', {'ticks': 3}, 'allowed true, false, or a block'),
+    'no bound': ('expect', {'ticks': {}}, 'is empty; allowed at_least, at_most or both'),
+    'unknown bound': ('expect', {'ticks': {'at_last': 3}}, r"unknown key; did you mean 'at_least'"),
+    'bound that is no number': ('expect', {'ticks': {'at_least': True}}, 'must be a number'),
+    'bound that is not finite': ('expect', {'ticks': {'at_least': float('nan')}}, 'must be finite'),
+    'bounds that nothing meets': (
+        'expect',
+        {'ticks': {'at_least': 3, 'at_most': 2}},
+        'at_least 3 is above at_most 2; nothing could be both',
+    ),
+    'no metric': ('expect', {'No Metric': True}, 'is no name of a metric; allowed a-z'),
 }
 
 
@@ -200,6 +279,7 @@ def test_mistake_is_named_with_line_key_and_what_is_allowed(make, tree, mistake)
         make(tree)
     assert LINE.match(str(caught.value)), str(caught.value)
     assert '\n' not in str(caught.value)
+    assert 'allowed' in str(caught.value) or 'nothing could' in str(caught.value)
 
 
 def every_key(tree, prefix=''):
@@ -222,18 +302,90 @@ def test_every_key_is_missed_by_its_name(make, tree):
         assert last in str(caught.value)
 
 
-def test_line_of_a_mistake_is_the_line_in_the_file(make, text):
+def test_line_of_a_mistake_is_the_line_in_the_file_and_a_key_is_given_once(make, text):
     corrupted = text.replace('friction: 1.0', 'friction: 9.0')
     number = corrupted[: corrupted.index('friction')].count('\n') + 1
     with pytest.raises(ScenarioError, match=rf'^bend.yaml:{number}: friction: '):
         make(corrupted)
-
-
-def test_key_given_twice_is_refused(make, text):
     with pytest.raises(ScenarioError, match=r'friction: appears twice'):
         make(text + 'friction: 0.5\n')
-
-
-def test_fixture_is_valid_to_begin_with(make, tree, text):
-    assert yaml.safe_load(text) == tree
     assert make(text).name == 'bend'
+
+
+def nodes(tree):
+    """Return (container, key) of everything in a tree."""
+    pairs = tree.items() if isinstance(tree, dict) else enumerate(tree)
+    for key, inside in list(pairs):
+        yield tree, key
+        if isinstance(inside, dict | list):
+            yield from nodes(inside)
+
+
+odd_values = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.floats(),
+    st.text(max_size=5),
+    st.lists(st.floats(-50, 50), max_size=4),
+    st.lists(st.lists(st.floats(-50, 50), min_size=2, max_size=2), max_size=5),
+    st.dictionaries(st.sampled_from(['x_m', 'offset_m', 'points_m', 'arc']), st.floats(0, 9)),
+    st.sampled_from([-1.0, 0.0, 0.5, 1.0, 3.0, 9.0, 39.0, 1e3, 1e4]),
+)
+
+
+def scenario_or_error(make, given):
+    """Return the scenario, or None where an error names the file."""
+    try:
+        scn = make(given)
+    except ScenarioError as caught:
+        said, scn = str(caught), None
+    else:
+        said = 'bend.yaml'
+    assert said.startswith('bend.yaml')
+    if scn is None:
+        return None
+    assert np.all(np.isfinite(np.concatenate([*scn.reference[1:]])))
+    assert np.all(np.diff(scn.reference.t) > 0.0)
+    assert np.isfinite(scn.patches.corners_m).all()
+    assert len(scn.patches.friction) <= MAX_QUADRILATERALS
+    return scn
+
+
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_any_corruption_is_a_scenario_or_a_named_error(make, tree, text, data):
+    corrupted = copy.deepcopy(tree)
+    for _ in range(data.draw(st.integers(1, 3))):
+        container, key = data.draw(st.sampled_from(list(nodes(corrupted))))
+        container[key] = data.draw(odd_values)
+    scenario_or_error(make, corrupted)
+    place = data.draw(st.integers(0, len(text) - 1))
+    damage = data.draw(
+        st.sampled_from(['', ' ', '\n', ':', '-', '[', '{', '*', '&', '!', '9', 'e'])
+    )
+    scenario_or_error(make, text[:place] + damage + text[place + data.draw(st.integers(0, 4)) :])
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(numbers=st.lists(st.floats(-2.0, 90.0) | st.floats(), min_size=5, max_size=5))
+def test_any_numbers_are_patches_the_plant_takes_or_a_named_error(make, tree, numbers):
+    tree['friction_patches'] = [patch(*numbers)]
+    scn = scenario_or_error(make, tree)
+    assert scn is None or scn.patches.friction
+
+
+def test_files_that_are_none_are_refused(tmp_path):
+    huge, binary = tmp_path / 'huge.yaml', tmp_path / 'a.yaml'
+    with huge.open('wb') as file:
+        file.truncate(scenario.MAX_BYTES + 1)
+    binary.write_bytes(b'\x89PNG\xff\xfe')
+    wrong = {
+        huge: r'allowed at most 8000000 bytes',  # before it is read
+        binary: r'is no UTF-8 text',
+        tmp_path / 'none.yaml': str(tmp_path),
+        tmp_path / '.yaml': str(tmp_path),
+    }
+    for path, error in wrong.items():
+        with pytest.raises(ScenarioError, match=error):
+            scenario.load(path)
