@@ -8,9 +8,9 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from experiments.families import feasibility, lane_course, scenario_document
+from experiments.families.draw import DIFFICULTIES, FAMILIES, HARD, NOMINAL, draw
 from scenario_publisher import scenario
-from scenario_publisher.families import feasibility, lane_course, scenario_document
-from scenario_publisher.families.draw import DIFFICULTIES, FAMILIES, HARD, NOMINAL, draw
 
 POP_UP_SPEED = 14.0133  # m/s, of draw 0 under seed 1000
 numbers = st.integers(0, 10**6)
