@@ -32,7 +32,8 @@ class DecodeError(ValueError):
 def _flat(topic, msg):
     """Return the value of a topic of `flat_fields.TYPES`."""
     _check(topic, msg)
-    return flat_fields.load(topic).to_value(conversions.stamp_to_ns(msg.header.stamp), msg)
+    fields = flat_fields.load(topic)
+    return fields.to_value(conversions.stamp_to_ns(msg.header.stamp), fields.numbers_of(msg))
 
 
 # each takes a message and returns the value of `types` that is named alike

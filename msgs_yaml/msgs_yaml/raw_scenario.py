@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_yaml import conformance, contract, conversions
-from msgs_yaml.cdr_templates import ENCAPSULATION
-from msgs_yaml.cdr_templates import STAMP as STAMP_STRUCT
 from msgs_yaml.conversions import NS_PER_S
+from msgs_yaml.flat_fields import ENCAPSULATION
+from msgs_yaml.flat_fields import STAMP as STAMP_STRUCT
 from msgs_yaml.types import Reference, RoadEdges
 
 REFERENCE = '/scenario/reference'

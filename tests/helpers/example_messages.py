@@ -10,11 +10,11 @@ from rclpy.serialization import serialize_message
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
-from msgs_yaml import cdr_templates, contract, decode, encode, flat_fields, raw_scenario, share
+from msgs_yaml import contract, decode, encode, flat_fields, raw_scenario, share
 from node_runtime import ros
 
 # readers of bytes without a message object, by topic; they return None for what they refuse
-FAST = {topic: cdr_templates.Template(topic).read for topic in flat_fields.TYPES} | {
+FAST = {topic: flat_fields.load(topic).read for topic in flat_fields.TYPES} | {
     raw_scenario.REFERENCE: raw_scenario.read_reference,
     raw_scenario.ROAD_EDGES: raw_scenario.read_road_edges,
 }

@@ -7,7 +7,7 @@ import pytest
 from example_messages import decoded, encoded, load_example
 from visualization_msgs.msg import Marker
 
-from msgs_yaml import cdr_templates, conformance, contract, decode, encode, flat_fields, share
+from msgs_yaml import conformance, contract, decode, encode, flat_fields, share
 from msgs_yaml.contract import ContractError
 from msgs_yaml.types import Command, Imu, Obstacle, Obstacles, VehicleState, Why
 from node_runtime import ros
@@ -137,7 +137,7 @@ def test_a_new_number_costs_a_line_in_topics_yaml_and_one_in_its_type(read_contr
     value = ImuWithAz(1_000_000_000, 1.0, 2.0, 3.0, 0.5, 0.1)
     message = encode.imu(value)
     assert message.linear_acceleration.z == 3.0
-    assert ros.deserialize(IMU, cdr_templates.Template(IMU).fill(value)) == message
+    assert ros.deserialize(IMU, flat_fields.load(IMU).fill(value)) == message
     assert decode.imu(message) == value
     assert flat_fields.load(IMU).columns['az_mps2'] == ('linear_acceleration.z',)
     with pytest.raises(decode.DecodeError, match=r'linear_acceleration.z \(az\) is 9.5'):
@@ -157,5 +157,5 @@ TWO = 'symbol: ay, value: ax, unit: m/s^2, low: -100, high: 100, column: ax_mps2
 
 def test_a_topic_without_a_fixed_length_has_no_template_and_flat_fields_show_as_their_type():
     with pytest.raises(KeyError):
-        cdr_templates.Template('/scenario/reference')
+        flat_fields.load('/scenario/reference')
     assert repr(flat_fields.load('/vehicle/odometry')) == 'FlatFields(VehicleState, 7 numbers)'

@@ -12,7 +12,7 @@ from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 from rclpy.serialization import serialize_message
 
-from msgs_yaml import cdr_templates, contract, conversions, decode, encode, flat_fields, types
+from msgs_yaml import contract, conversions, decode, encode, flat_fields, types
 from msgs_yaml.decode import DecodeError
 from node_runtime import ros, subscriptions_node
 
@@ -171,7 +171,7 @@ def outcome(read, raw):
 
 @pytest.mark.parametrize('topic', sorted(flat_fields.TYPES))
 def test_a_template_writes_the_bytes_of_the_message_and_reads_or_refuses_them_alike(topic):
-    template = cdr_templates.Template(topic)
+    template = flat_fields.load(topic)
 
     @settings(max_examples=50)
     @given(st.builds(flat_fields.TYPES[topic], ANY_STAMP, *UNLIMITED[topic]))

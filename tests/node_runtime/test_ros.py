@@ -22,7 +22,7 @@ from rclpy.qos import (
 from rclpy.task import Future
 from wait_until import wait_until
 
-from msgs_yaml import cdr_templates, contract, decode, flat_fields
+from msgs_yaml import contract, decode, flat_fields
 from msgs_yaml.types import Health
 from node_runtime import ros, spin_node
 from node_runtime.input_monitor import ERROR, OK, WARN
@@ -184,7 +184,7 @@ def test_messages_of_a_template_arrive_as_those_of_an_object_and_lockstep_loses_
         pair.until(lambda pub=pub: pub.publisher.get_subscription_count() == 1)
         value = decoded(topic, load_example(topic))
         raw = pair.deliver(pub, received, value)
-        assert raw == cdr_templates.Template(topic).fill(value)
+        assert raw == flat_fields.load(topic).fill(value)
         assert decode.stamp_ns_of(raw) == value.stamp_ns
         assert decoded(topic, ros.deserialize(topic, raw)) == value
         stamps = [S + 1_000_000 * k for k in range(500)]
