@@ -37,39 +37,24 @@ def test_what_is_written_is_what_is_read(tmp_path):
     assert odometry.joints == ()
 
 
-# line, replacement of a text in it (of the whole line without one), the error
+# line, text in it, what stands there in its place, the error; test_yaml.py has those of any schema
 MISTAKES = [
-    (2, '', '  latched: {reliability: reliable}', 'profiles.latched.durability: is missing; allow'),
-    (3, 'reliable', 'sure', "profiles.all.reliability: is 'sure'; allowed reliable or"),
     (3, 'keep_all', 'keep_last', 'profiles.all: depth belongs to keep_last'),
     (3, 'keep_all', 'keep_all, depth: 3', 'profiles.all: depth belongs to keep_last'),
     (2, 'depth: 1', 'depth: 0', 'profiles.latched.depth: is 0; allowed 1 to 1e+06 messages'),
     (2, 'depth: 1', 'depth: 1, deadline_ms: -5', 'deadline_ms: is -5; allowed 0.001 to 1e+06 ms'),
-    (2, 'depth: 1', 'depth: 1, depth: 2', 'profiles.latched.depth: appears twice'),
-    (4, '', 'topic:', "topic: unknown key; did you mean 'topics'"),
     (5, '/vehicle', 'vehicle', 'topics.vehicle/odometry: allowed a leading /'),
-    (6, 'meaning', 'meanig', "odometry.meanig: unknown key; did you mean 'meaning'?"),
     (7, 'Odometry', 'Odometer', "did you mean 'nav_msgs/msg/Odometry'"),
     (8, 'plant', "''", "odometry.publisher: is ''; allowed a text that is not empty"),
-    (8, 'plant', '7', 'odometry.publisher: must be a text, is 7'),
-    (8, '', '    [a, b]: plant', 'topics./vehicle/odometry: a key must be one word'),
     (9, ', realtime: 100', '', "rate_hz: key 'realtime' is missing"),
     (9, '1000', '-1', 'rate_hz.lockstep: is -1; allowed 0 to 10000 Hz'),
-    (9, '', '    rate_hz: 1000', "rate_hz: must be a mapping, is '1000'"),
-    (10, 'map', '3', 'frame: must be a text, is 3'),
     (12, 'all', 'al', "did you mean 'all'"),
-    (14, 'm/s', 'km/h', "linear.x.unit: is 'km/h'; allowed m or"),
     (14, '-20', '200', 'linear.x: low 200.0 is above high 120.0'),
-    (14, '-20', '.nan', 'linear.x.low: must be finite, is .nan'),
-    (14, '-20', 'true', 'linear.x.low: must be a number, is true'),
     (14, 'low: -20, ', '', 'linear.x: low belongs to a number, and a number needs it'),
     (14, 'unit: m/s', 'unit: word', 'linear.x: low belongs to a number'),
     (14, '1.2e2', '1.2e2, value: v', 'linear.x: value needs a column'),
     (14, '.linear', '..linear', 'is no field path'),
-    (15, '/scenario/reference', '/vehicle/odometry', 'topics./vehicle/odometry: appears twice'),
     (23, '[2, 5000]', '[5000, 2]', 'sizes.poses: least 5000 is above most 2'),
-    (23, '[2, 5000]', '[2]', 'sizes.poses: has 1 elements; allowed exactly 2'),
-    (23, '[2, 5000]', '2', "sizes.poses: must be a list, is '2'"),
     (34, '[steer]', '', 'a field of a JointState is written as position[name]'),
     (34, '[steer]', '[*]', 'a field of a JointState is written as position[name]'),
 ]
@@ -77,7 +62,7 @@ MISTAKES = [
 
 @pytest.mark.parametrize(('line', 'old', 'new', 'error'), MISTAKES)
 def test_a_mistake_is_named_with_its_line_and_key(tmp_path, line, old, new, error):
-    changed = LINES[line - 1].replace(old, new, 1) if old else new
+    changed = LINES[line - 1].replace(old, new, 1)
     with pytest.raises(ContractError) as caught:
         load(tmp_path, [*LINES[: line - 1], changed, *LINES[line:]])
     assert str(caught.value).startswith(f'{tmp_path}/topics.yaml:{line}: ')
@@ -114,8 +99,6 @@ STATUS = """\
         ([*LINES, *STATUS], r'is written as status\[\*\].values\[key\].value'),
         ([*LINES, DERIVED[0], *LINES[4:14]], r'derived./vehicle/odometry.type: is .*; allowed std'),
         ([*LINES, *DERIVED, '    fields: {x: {symbol: x, unit: word}}'], 'fields belong to topics'),
-        ([], ':1: the file is empty'),
-        (['topics: ['], r':\d: no valid YAML'),
     ],
 )
 def test_a_mistake_that_takes_several_lines_is_named(tmp_path, lines, error):

@@ -89,16 +89,11 @@ def test_every_number_in_the_range_is_unchanged_and_an_optional_one_may_be_missi
     assert (car.mass_kg, car.drag) == (mass_kg, drag)
 
 
+# what is wrong with a value alone is in tests/msgs_yaml/test_yaml.py
 VALUE_MISTAKES = [
     ({'mass_kg': math.nan}, 'mass_kg: must be finite, is nan; allowed 100 to 5000 kg'),
-    ({'mass_kg': '1500'}, "mass_kg: must be a number, is '1500'; allowed 100 to 5000 kg"),
-    ({'gears': 9}, 'gears: is 9; allowed 1 to 8'),
-    ({'kind': 'estat'}, "kind: is 'estat'; did you mean 'estate'?; allowed saloon or estate"),
-    ({'name': 3}, 'name: must be a text, is 3; allowed any text'),
-    ({'ratios': 3.0}, 'ratios: must be a list, is 3.0; allowed 0 to 10'),
     ({'ratios': [1.0, 'x']}, "ratios: must be a number, is 'x'; allowed 0 to 10"),
     ({'drag': 2}, 'drag: is 2; allowed 0 to 1'),
-    ({'front.driven': 1}, 'front.driven: must be true or false, is 1; allowed true or false'),
     ({'front.stifness': 1}, "front.stifness: unknown parameter; did you mean 'front.stiffness'?"),
     ({'front': 1}, 'front: is a group, not a parameter; allowed front.stiffness, front.driven'),
     ({'wings': 2}, 'wings: unknown parameter'),
@@ -132,13 +127,7 @@ FILE_MISTAKES = [
     (2, '  ros_parameters:', ":2: /**.ros_parameters: unknown key; did you mean 'ros__"),
     (1, 'controller:', ':1: controller: unknown key'),
     (11, '    gears: [', ':12: no valid YAML'),
-    *[
-        (9, f'      stiffness: {odd}', ':9: ')
-        for odd in (
-            *('!!python/object:os.system', '!nobody x', '!!bool maybe', '!!int ""'),
-            *('!!timestamp soon', '2026-13-01', '9' * 400),
-        )
-    ],
+    (9, '      stiffness: !!int ""', ':9: front.stiffness: '),
 ]
 
 
