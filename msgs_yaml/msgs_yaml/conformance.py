@@ -97,7 +97,13 @@ class _Checks:
         self._patterns = {}  # of the keys of diagnostics
         if topic.type == contract.DIAGNOSTICS:
             self._patterns = {field_paths.parse(path)[1].selector: path for path in topic.fields}
-        self._path_of_key = lru_cache(_CACHED_KEYS)(self._match_key)
+
+        @lru_cache(_CACHED_KEYS)
+        def path_of(key):
+            patterns = self._patterns.items()
+            return next((path for pattern, path in patterns if fnmatchcase(key, pattern)), None)
+
+        self._path_of_key = path_of
 
     def _getter(self, path):
         if not self._joints:
@@ -105,10 +111,6 @@ class _Checks:
         (step,) = field_paths.parse(path)
         index = self._joints.index(step.selector)
         return lambda message: (getattr(message, step.attribute)[index],)
-
-    def _match_key(self, key):
-        patterns = self._patterns.items()
-        return next((path for pattern, path in patterns if fnmatchcase(key, pattern)), None)
 
     def _violation(self, path, value, allowed):
         return Violation(self._topic.name, path, value, allowed)
