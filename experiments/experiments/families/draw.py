@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from experiments.families import bends, lane_course, open_road, slippery
+from experiments.families.scenario_document import Document, rounded
 from scenario_publisher import scenario
-from scenario_publisher.families import bends, lane_course, open_road, slippery
-from scenario_publisher.families.scenario_document import Document, rounded
 from scenario_publisher.scenario import Scenario
 
 NOMINAL, HARD = 'nominal', 'hard'

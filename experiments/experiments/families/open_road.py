@@ -6,8 +6,8 @@ document of one draw, None for one that cannot be mastered (nominal only).
 
 from random import Random
 
-from scenario_publisher.families import feasibility
-from scenario_publisher.families.scenario_document import (
+from experiments.families import feasibility
+from experiments.families.scenario_document import (
     CAR_RADIUS,
     LANE,
     LEFT,

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from scenario_publisher.families import feasibility
+from experiments.families import feasibility
 
 STEP = 1e-3  # s
 GRIP = feasibility.GRIP_SHARE * feasibility.GRAVITY

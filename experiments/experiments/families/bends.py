@@ -2,8 +2,8 @@
 
 from random import Random
 
-from scenario_publisher.families import feasibility
-from scenario_publisher.families.scenario_document import (
+from experiments.families import feasibility
+from experiments.families.scenario_document import (
     Document,
     disc,
     document,

@@ -5,8 +5,8 @@ Each function returns the document of one draw, None for one that cannot be mast
 
 from random import Random
 
-from scenario_publisher.families import feasibility
-from scenario_publisher.families.scenario_document import (
+from experiments.families import feasibility
+from experiments.families.scenario_document import (
     LANE,
     LEFT,
     RIGHT,
