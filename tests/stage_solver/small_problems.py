@@ -187,3 +187,10 @@ def double_integrator(cost, name='double_integrator'):
         stage_cost=ca.Function('l', [x, u, p], [(x[0] - 1) ** 2 + ca.sumsqr(u) + cost(x)]),
     )
     return Case(problem, np.zeros(2), np.zeros((11, 0)), no_bounds(problem), zero_plan(problem))
+
+
+def aligned(*shape):
+    """Return an array of 0.5 that begins where the widest vector may."""
+    memory = np.full(np.prod(shape) + 8, 0.5)
+    start = (-memory.ctypes.data % 64) // 8
+    return memory[start : start + np.prod(shape)].reshape(shape)

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller.path import arc, distance, frenet_frame, reference_path, road_edges
-from mpcc_controller.path.arc import Arc, Pose
-from mpcc_controller.path.distance import Circle, Disc
-from mpcc_controller.path.frenet_frame import FrenetDisc, FrenetPoint
+from mpcc_controller.path import arc, frenet_frame, reference_path, road_edges
+from mpcc_controller.path.arc import Arc
+from mpcc_controller.path.distance import Disc
+from mpcc_controller.path.frenet_frame import FrenetPoint
 from mpcc_controller.path.reference_path import PathError
 from msgs_yaml.types import Reference, RoadEdges
 
@@ -225,26 +225,6 @@ def test_the_rates_are_the_derivatives_of_the_coordinates_of_a_moving_car(e, dps
     assert derivatives.s == pytest.approx(along, rel=1e-5)
     assert derivatives.e == pytest.approx(across, abs=1e-4)
     assert derivatives.dpsi == pytest.approx(r - along / R, abs=1e-5)
-
-
-@pytest.mark.parametrize('turn', [1, -1])
-def test_errors_are_positive_to_the_left_and_behind(turn):
-    pose = Pose(0.0, 0.0, turn * np.pi / 2)
-    assert arc.contouring_error(pose, -turn * 2.0, 0.0) == pytest.approx(2.0)
-    assert arc.lag_error(pose, 0.0, -turn * 3.0) == pytest.approx(3.0)
-
-
-@pytest.mark.parametrize('ds', [2.0, 10.0, 20.0, 40.0])
-@pytest.mark.parametrize('n', [1.0, -1.0], ids=['inside', 'outside'])
-def test_beside_the_papers_circle_both_distances_have_their_closed_forms(ds, n):
-    vehicle, other = on_circle(8.0), on_circle(8.0 + ds, n)
-    points = frenet_frame.to_frenet(circle(), *np.array([vehicle, other]).T, 8.0)
-    car, obstacle = zip(*points)
-    along = frenet_frame.v2o(FrenetPoint(*car), 1.1, FrenetDisc(*obstacle, 1.0))
-    assert along == pytest.approx(np.hypot(ds, n) - 2.1, abs=1e-3)
-    chord = np.sqrt(R**2 + (R - n) ** 2 - 2 * R * (R - n) * np.cos(ds / R))
-    across = distance.v2o(Circle(*vehicle, 1.1), Disc(*other, 1.0))
-    assert across == pytest.approx(chord - 2.1, abs=1e-6)
 
 
 @pytest.mark.parametrize('turn', [1.0, -1.0])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from mpcc_controller.path import distance, road_edges
 from mpcc_controller.path.arc import Arc
-from mpcc_controller.path.distance import Circle, Disc, Edge, Edges
+from mpcc_controller.path.distance import Circle, Disc, Edge
 from mpcc_controller.path.road_edges import EdgeError
 from msgs_yaml.types import RoadEdges
 
@@ -41,24 +41,6 @@ def test_v2o_has_a_gradient_at_the_centre_of_an_obstacle():
     X = ca.SX.sym('X')
     D = distance.v2o(Circle(X, 0.0, 1.0), Disc(0.0, 0.0, 1.0))
     assert np.isfinite(float(ca.Function('g', [X], [ca.gradient(D, X)])(0)))
-
-
-@given(st.floats(-3, 3), st.floats(0, 100))
-def test_both_edge_distances_fill_the_width_of_a_straight_road(Y, X):
-    edges = Edges(Edge(10.0, 6.0, 0.0, 0.0), Edge(12.0, -2.5, 0.0, 0.0))
-    to_left, to_right = distance.v2e(Circle(X, Y, 1.1), edges)
-    assert to_left == pytest.approx(6.0 - Y - 1.1)
-    assert to_right == pytest.approx(Y + 2.5 - 1.1)
-
-
-@pytest.mark.parametrize('turn', [1, -1])
-@pytest.mark.parametrize('radius', [20.0, 50.0])
-def test_a_curved_edge_is_a_parabola_with_a_small_error(turn, radius):
-    """Edge: a circle about the origin, touched at angle 0; the car is 1 m along and 2 m inside."""
-    edge, angle = Edge(radius, 0.0, turn * np.pi / 2, turn / radius), turn / radius
-    inside = Circle((radius - 2) * np.cos(angle), (radius - 2) * np.sin(angle), 1.0)
-    offset = turn * distance.lateral_offset(inside, edge)
-    assert offset == pytest.approx(2.0, abs=1.2 / radius**2)
 
 
 def test_circles_sit_on_the_body_axis():
