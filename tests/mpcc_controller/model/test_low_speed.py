@@ -53,6 +53,8 @@ def test_a_slow_car_rolls_along_the_circle_of_its_steering_angle(rates, car, v, 
     later_r = (v + h * x.vx) * np.tan(delta + h * d_delta) / wheelbase
     assert x.r == pytest.approx((later_r - r) / h, abs=1e-5)
     assert x.vy == pytest.approx(car.l_r * x.r, abs=1e-9)
+    resistance = (car.drag * v**2 + car.rolling) * np.tanh(v / 0.3)  # none at rest
+    assert x.vx == pytest.approx(-resistance / car.m, abs=1e-9)
 
 
 @quick

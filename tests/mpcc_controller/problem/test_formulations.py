@@ -222,9 +222,15 @@ def test_friction_bounds_are_the_share_of_the_parameters_for_the_states_of_a_for
     given_bounds = bounds.build(limits, form.car, -3000.0, N, DT, state)
     assert np.all(given_bounds.g_high[:, :2] == limits.friction_use)
     assert np.all(given_bounds.h_low == -limits.friction_use)
-    at_most = state(*given_bounds.x_high[3])
-    assert (at_most.delta, at_most.Fx) == (limits.steer_rad, limits.drive_n)
-    assert np.sum(np.isfinite(at_most)) == 2
+    for side, rows in ((-1, given_bounds.x_low), (1, given_bounds.x_high)):
+        x = state(*rows[3])
+        assert x.delta == side * limits.steer_rad
+        assert x.Fx == (limits.drive_n if side > 0 else -limits.brake_n)
+        assert np.sum(np.isfinite(x)) == 2
+    rates = limits.steer_rate_radps, limits.force_rate_nps
+    split = limits.brake_front_share_min, limits.brake_front_share_max
+    assert given_bounds.u_high[3].tolist() == [*rates, split[1], np.inf]
+    assert given_bounds.u_low[3].tolist() == [-rates[0], -rates[1], split[0], -np.inf]
 
 
 @quick
@@ -283,6 +289,15 @@ def test_the_formulations_move_the_same_car(pose, scene, car, name, dt, accuracy
         moved = single_track.step(dt)(X, u, car).full().T
         there = posed.form.to_local(Plan(moved, u[None]), scene.path).X[0]
         assert after == pytest.approx(there, abs=accuracy)
+
+
+@both
+def test_the_use_of_the_friction_is_that_of_the_forces_of_the_tyres(pose, car, name):
+    u = Input(0.0, 0.0, 0.5, 0.0)
+    use = pose(SWERVING, name).values().friction
+    F, Fz = single_track.tyre_forces(SWERVING, u, car), single_track.loads(SWERVING.Fx, car)
+    assert use.f[0] == pytest.approx(np.hypot(F.F_xf, F.F_yf) / (car.mu_f * Fz.f))
+    assert use.r[0] == pytest.approx(np.hypot(F.F_xr, F.F_yr) / (car.mu_r * Fz.r))
 
 
 @pytest.fixture(scope='module')

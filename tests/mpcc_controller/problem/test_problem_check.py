@@ -66,7 +66,7 @@ def test_a_term_that_is_right_is_accepted(start):
         (lambda q: (q.x.r, q.x.vy), 'its squared error is of type tuple; it must be one number'),
         (lambda q: None, 'its squared error is of type NoneType'),
         (lambda q: q.x.r if q.x.r > 0 else 0, r'.*use ca\.if_else in place of if'),
-        (lambda q: ca.sin(), '(NotImplementedError|TypeError)'),
+        (lambda q: ca.sin(), r'\w+Error: '),
         (fail, 'NotImplementedError$'),  # an exception without a text
     ],
 )
