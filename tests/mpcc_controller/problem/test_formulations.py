@@ -307,17 +307,16 @@ def swerve(pose):
     return plan._replace(X=plan.X + State(0.2, -0.5, 0.1, 0, 0.4, 0, 0, 0, 0))
 
 
-def test_a_plan_in_path_coordinates_and_back_is_the_same_whatever_its_turns(scene, swerve):
+def test_a_plan_in_path_coordinates_and_back_is_the_same_whatever_its_turns(pose, scene, swerve):
+    form, path = pose(START, 'frenet').form, scene.path
     turned = swerve._replace(X=swerve.X + State(0, 0, 2 * np.pi, 0, 0, 0, 0, 0, 0))
-    inside, again = (
-        frenet_formulation.plan_to_frenet(plan, scene.path) for plan in (swerve, turned)
-    )
+    inside, again = (form.to_local(plan, path) for plan in (swerve, turned))
     assert pytest.approx(inside.X, abs=1e-9) == again.X
-    outside = frenet_formulation.plan_to_map(inside, scene.path)
+    outside = form.to_map(inside, path)
     assert outside.X[:, :6] == pytest.approx(swerve.X[:, :6], abs=1e-9)
     assert outside.U is swerve.U
     inside.X[7:] = np.nan
-    broken = frenet_formulation.plan_to_map(inside, scene.path).X
+    broken = form.to_map(inside, path).X
     assert np.isnan(broken[7:, 0]).all()
     assert np.isfinite(broken[:7]).all()
 
