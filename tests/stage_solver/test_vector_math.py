@@ -79,11 +79,3 @@ def test_unusual_numbers_give_what_the_c_library_gives(vector, name):
     assert np.array_equal(result[~ordinary], expected[~ordinary], equal_nan=True)
     # a denormal result keeps its absolute precision only
     assert np.allclose(result[ordinary], expected[ordinary], rtol=1e-15, atol=2e-323)
-
-
-@each_function
-def test_a_lane_does_not_see_its_neighbours(vector, name):
-    x = np.full(64, 0.7)
-    alone = vector(name, x)[0]
-    x[1::2] = [np.nan, np.inf, -np.inf, 1e300] * 8
-    assert np.all(vector(name, x)[::2] == alone)

@@ -81,17 +81,6 @@ def test_a_step_is_the_midpoint_rule_on_an_independent_transcription(car, lags, 
     assert (after - x) / DT == pytest.approx(second, rel=1e-6, abs=1e-5)
 
 
-@quick
-@given(states, inputs, st.sampled_from([1.0, 0.95]))
-def test_forces_leave_the_friction_circle_by_no_more_than_the_tangent_adds(car, x, u, switch):
-    """By less than the uncertainty of friction; the plain Fiala tyre stays inside."""
-    car, x = car._replace(tyre_switch=switch), x._replace(vx=x.vx + 7.0)
-    F, Fz = single_track.tyre_forces(x, u, car), single_track.loads(x.Fx, car)
-    beyond = 1.0 if switch == 1.0 else 1.03
-    assert math.hypot(F.F_xf, F.F_yf) <= beyond * car.mu_f * Fz.f * (1 + 1e-12)
-    assert math.hypot(F.F_xr, F.F_yr) <= beyond * car.mu_r * Fz.r * (1 + 1e-12)
-
-
 @settings(max_examples=100)
 @given(
     v=st.floats(8.0, 40.0),
