@@ -64,41 +64,6 @@ def test_it_has_the_values_of_the_function(half):
             np.testing.assert_allclose(np.asarray(f(x, y)).ravel(), expected, rtol=1e-15)
 
 
-def test_lists_of_the_caller_stay_as_they_are():
-    def set_first(x):
-        x[0] = 0.0
-        return x[0]
-
-    values = [ca.SX.sym('a')]
-    kept = list(values)
-    symbolic.evaluate(set_first, (values,), ())
-    assert values == kept
-
-
-def test_local_variables_are_returned():
-    def doubled(x):
-        twice = 2 * x
-        return twice + 1
-
-    x = ca.SX.sym('x')
-    _, variables = symbolic.evaluate(doubled, (x,), ())
-    assert float(ca.evalf(ca.substitute(variables['twice'], x, 3))) == 6
-
-
-def test_a_return_ends_its_branch_only():
-    def early(x):
-        y = 2 * x
-        if x > 0:
-            return y
-        y += 1
-        return y + y
-
-    x = ca.SX.sym('x')
-    result, _ = symbolic.evaluate(early, (x,), ())
-    values = [float(ca.evalf(ca.substitute(result, x, value))) for value in (3, -3)]
-    assert values == [6, -10]
-
-
 def test_a_function_that_may_return_nothing_is_refused():
     def may_return_nothing(x):  # noqa: RET503
         if x > 0:
