@@ -39,7 +39,7 @@ def load(car: str = parameters.DEFAULT_CAR) -> PlantParams:
     return parameters.load(parameters.config_file(car))
 
 
-def at(speed: float) -> Start:
+def ahead(speed: float) -> Start:
     """Return the start of a car that rolls straight ahead."""
     return Start(0.0, 0.0, 0.0, speed)
 
@@ -58,7 +58,7 @@ def drive(
     """
     plant = plant or load()
     plant = altered(plant, car__gate=replace(plant.car.gate, **OPEN_GATE))
-    start = start if isinstance(start, Start) else at(start)
+    start = start if isinstance(start, Start) else ahead(start)
     car = Simulator(plant, friction, start, patches=patches)
     tracks = []
     for tick in range(round(seconds * 20)):

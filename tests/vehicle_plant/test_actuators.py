@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from drives import altered, at, drive, load
+from drives import ahead, altered, drive, load
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -47,7 +47,7 @@ def test_response_to_a_command_is_the_delayed_closed_form(late, arrives_ms, ramp
     Until then it is a ramp; the answer to a ramp is a difference of areas.
     """
     target = SetPoints(0.01, -200.0, 150.0)
-    car = Simulator(late, 1.0, at(15.0))
+    car = Simulator(late, 1.0, ahead(15.0))
     command = Command(car.stamp_ns, target[0], 0.0, *target[1:])
     track = join_trajectories([car.advance(None, arrives_ms), car.advance(command, 400)])
     t = np.arange(1, len(track.rows) + 1) * 1e-3

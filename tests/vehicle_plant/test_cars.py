@@ -5,7 +5,7 @@ import re
 import casadi as ca
 import numpy as np
 import pytest
-from drives import at, circle, load
+from drives import ahead, circle, load
 from installation import ROOT
 
 from msgs_yaml.types import WHEELS
@@ -67,7 +67,7 @@ def linearised(plant, speeds, settle_ms):
     x, u, p = (ca.SX.sym(n, derivative.size1_in(i)) for i, n in enumerate('xup'))
     slope = ca.Function('A', [x, u, p], [ca.jacobian(derivative(x, u, p)[0], x)])
     for speed in speeds:
-        row = Simulator(plant, 1.0, at(speed)).advance(None, settle_ms).rows[-1, : x.size1()]
+        row = Simulator(plant, 1.0, ahead(speed)).advance(None, settle_ms).rows[-1, : x.size1()]
         yield np.array(slope(row, np.zeros(3), integrator.parameter_vector(plant, 1.0)))
 
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from drives import OPEN_GATE, altered, at
+from drives import OPEN_GATE, ahead, altered
 
 from mpcc_controller import car_file
 from mpcc_controller.driving import gate as controller_gate
@@ -146,7 +146,7 @@ def test_a_refused_command_does_not_become_the_last_good_one(gate):
 
 def test_the_last_good_command_stands_after_a_refusal_and_a_jump_passes_in_its_time(params):
     good = Command(START_NS, 0.01, 0.2, -500.0, -300.0)
-    refused, held = (Simulator(params, 1.0, at(20.0)) for _ in range(2))
+    refused, held = (Simulator(params, 1.0, ahead(20.0)) for _ in range(2))
     for car in (refused, held):
         car.advance(good, TICK_STEPS)
     jump = Command(held.stamp_ns, 0.4, 0.0, 0.0, 0.0)
@@ -235,7 +235,7 @@ class Controller:
 
 def assert_both_accept(params, friction, controller, commands):
     assert all(controller.accepts(new, old) for old, new in pairwise(commands))
-    car = Simulator(params, friction, at(20.0))
+    car = Simulator(params, friction, ahead(20.0))
     for command in commands:
         car.advance(command, TICK_STEPS)
     assert not car.gate.rejections

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import rclpy
 import tf2
-from drives import at, load
+from drives import ahead, load
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.task import Future
@@ -174,7 +174,7 @@ def test_lockstep_sends_what_the_core_computes_every_millisecond_once_twice_the_
 
     plant = replace(load('vw_gti.yaml'), tyre=plant_parameters.load_tyre(str(tyre_file)))
     ice = road_friction.patch_array(ICE, [0.2])
-    car = Simulator(plant, 1.0, at(20.0), patches=ice)
+    car = Simulator(plant, 1.0, ahead(20.0), patches=ice)
     for i in range(ticks):
         car.advance(decode.command(brake(START_NS + i * TICK_NS)), 50)
     last = controller.state(-1)
@@ -344,9 +344,9 @@ def test_the_frames_of_the_car_are_where_its_state_says(tmp_path):
     plant = start('-m', 'vehicle_plant.plant_node', '--ros-args', *words)
     with parameters():
         controller = Controller('lockstep', weave)
-        is_heard = controller.count_subscribers
         controller.on_state = lambda stamp_ns: (
-            is_heard('/tf') and Controller.on_state(controller, stamp_ns)
+            (controller.answered_ns or controller.count_subscribers('/tf'))
+            and Controller.on_state(controller, stamp_ns)
         )
         spin([controller], lambda: plant.poll() is not None)
     others.terminate()

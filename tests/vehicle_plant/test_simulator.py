@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from drives import at, drive, load
+from drives import ahead, drive, load
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from installation import ROOT
@@ -42,7 +42,7 @@ def greatest_slip(track):
 )
 def test_no_command_makes_it_leave_physics(commands, speed, friction):
     """Full lock, full brakes, full throttle from standstill or 45 m/s: finite and bounded."""
-    car = Simulator(load(), friction, at(speed))
+    car = Simulator(load(), friction, ahead(speed))
     rows = []
     for target in commands:
         car.command(Command(car.stamp_ns, target[0], 0.0, target[1], target[2]))
@@ -101,7 +101,7 @@ def test_brakes_hold_the_standing_car_against_the_engine():
 
 def test_same_commands_give_the_same_bits_and_a_fork_goes_the_same_way(params):
     command = Command(START_NS, 0.05, 0.0, -800.0, 300.0)
-    cars = [Simulator(params, 1.0, at(20.0)) for _ in range(2)]
+    cars = [Simulator(params, 1.0, ahead(20.0)) for _ in range(2)]
     first, second = (car.advance(command, 130).rows for car in cars)
     assert first.tobytes() == second.tobytes()
     forked = cars[0].fork()
@@ -115,7 +115,7 @@ def test_same_commands_give_the_same_bits_and_a_fork_goes_the_same_way(params):
 
 def test_bursts_of_any_length_give_the_same_track(params):
     command = Command(START_NS, 0.05, 0.0, -800.0, 300.0)
-    whole, parts = (Simulator(params, 1.0, at(20.0)) for _ in range(2))
+    whole, parts = (Simulator(params, 1.0, ahead(20.0)) for _ in range(2))
     a = whole.advance(command, 50)
     pieces = [parts.advance(command, 17), *(parts.advance(None, n) for n in (0, 1, 32))]
     assert np.allclose(a.rows, join_trajectories(pieces).rows, rtol=0, atol=1e-10)
@@ -146,9 +146,9 @@ def test_the_manual_counts_the_states():
 @pytest.mark.parametrize(
     ('friction', 'start', 'message'),
     [
-        (0.0, at(20.0), 'friction is 0.0'),
-        (np.inf, at(20.0), 'friction is inf'),
-        (1.0, at(20.0)._replace(Y=np.nan), 'the start is not finite'),
+        (0.0, ahead(20.0), 'friction is 0.0'),
+        (np.inf, ahead(20.0), 'friction is inf'),
+        (1.0, ahead(20.0)._replace(Y=np.nan), 'the start is not finite'),
     ],
 )
 def test_start_must_be_finite_and_friction_sensible(params, friction, start, message):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drives import at
+from drives import ahead
 
 from msgs_yaml import encode
 from msgs_yaml.decode import DecodeError
@@ -24,7 +24,7 @@ FAR = StopParams(
 
 
 def stepper(kind, params, speed=20.0, **stop):
-    car = Simulator(params, 1.0, at(speed))
+    car = Simulator(params, 1.0, ahead(speed))
     return kind(car, RunEnd(replace(FAR, **stop), car.now))
 
 
@@ -126,7 +126,6 @@ def test_realtime_takes_the_steps_that_are_due_and_counts_the_late_ones(params):
     assert loop.missed_steps == 0
     assert len(loop.advance_to(START_NS + 5 * STEP_NS).rows) == 4
     assert (loop.missed_steps, loop.longest_gap) == (3, 4)
-    assert loop.car.stamp_ns == START_NS + 5 * STEP_NS
 
 
 def test_realtime_catches_up_with_the_bits_of_one_stretch(params):
