@@ -130,14 +130,6 @@ def test_more_than_the_share_that_the_tyres_hold_is_refused(params, axle, sign, 
     assert gate.rejections == {'beyond_friction': 1}
 
 
-def test_commands_that_cannot_be_read_count_too(gate):
-    assert gate.reject('steer is missing') == (False, 'steer is missing')
-    gate.reject('names are wrong')
-    check(gate, Fxf=math.nan)
-    assert gate.rejections == {'unreadable': 2, 'not_finite': 1}
-    assert (gate.rejected, gate.last_reason) == (3, 'a value is not finite')
-
-
 def test_a_refused_command_does_not_become_the_last_good_one(gate):
     """0.26 rad is near to itself and far from the 0.1 rad that still stands."""
     for delta, passes in ((0.26, False), (0.255, False), (0.2, True), (0.255, True)):

@@ -88,12 +88,18 @@ class Controller(Node):
         return [decode.stamp_ns_of(raw) for raw in self.received[name]]
 
 
+def arguments(mode='lockstep', **settings):
+    values = {'mode': mode, 'start.from': 'parameters'} | settings
+    return [
+        '--ros-args',
+        *(w for name, value in values.items() for w in ('-p', f'{name}:={value}')),
+    ]
+
+
 @contextmanager
 def parameters(mode='lockstep', **settings):
     """Give nodes of this process the parameters of a plant."""
-    values = {'mode': mode, 'start.from': 'parameters'} | settings
-    arguments = [part for name, value in values.items() for part in ('-p', f'{name}:={value}')]
-    rclpy.init(args=['--ros-args', *arguments])
+    rclpy.init(args=arguments(mode, **settings))
     try:
         yield
     finally:
@@ -131,6 +137,26 @@ def run(answer, mode='lockstep', before=lambda controller: None, **settings):
         plant.start()
         spin([plant, controller], lambda: plant.finished and controller.has_heard_the_end(plant))
         return plant.exit_code, controller
+
+
+@contextmanager
+def process(*words, **options):
+    """Run a program of Python; end it when it is needed no longer."""
+    with subprocess.Popen([sys.executable, *words], text=True, **options) as program:
+        try:
+            yield program
+        finally:
+            program.terminate()
+
+
+def drive_process(answer, mode='lockstep', environment=None, before=lambda _: None, **settings):
+    """Drive as `run` does, with a plant in a process of its own."""
+    words = '-m', 'vehicle_plant.plant_node', *arguments(mode, **settings)
+    with parameters(mode), process(*words, env=environment) as plant:
+        controller = Controller(mode, answer)
+        before(controller)
+        spin([controller], lambda: plant.poll() is not None)
+        return plant.returncode, controller
 
 
 def weave(stamp_ns):
@@ -303,7 +329,7 @@ def test_a_parameter_that_makes_no_sense_stops_the_node(name, value, message):
 
 @pytest.mark.alone
 def test_realtime_keeps_pace_with_the_wall_clock():
-    code, controller = run(weave, mode='realtime', **{'stop.x_m': 30.0})
+    code, controller = drive_process(weave, mode='realtime', **{'stop.x_m': 30.0})
     assert code == 0
     states = [controller.state(k) for k in range(len(controller.arrived_ns))]
     stamps = np.array([state.stamp_ns for state in states])
@@ -330,30 +356,29 @@ def values(controller, topic, read):
 @pytest.mark.slow
 @pytest.mark.needs('tf2')
 def test_the_frames_of_the_car_are_where_its_state_says(tmp_path):
-    environment = tf2.environment(tmp_path)
+    options = {'env': tf2.environment(tmp_path)}
+    piped = options | {'stdout': subprocess.PIPE}
 
-    def start(*words):
-        command = [sys.executable, *words]
-        return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
-
-    listeners = start(tf2.LISTENER, str(COMPARED)), start(tf2.LISTENER, '3', '/tf_static')
-    # it publishes /tf, too, where the plant does not
-    others = start('-m', 'bags.markers_node')
-    settings = 'mode:=lockstep', 'start.from:=parameters', 'stop.x_m:=40.0', 'recorders:=0'
-    words = [word for setting in settings for word in ('-p', setting)]
-    plant = start('-m', 'vehicle_plant.plant_node', '--ros-args', *words)
-    with parameters():
-        controller = Controller('lockstep', weave)
+    def deaf_until_it_is_heard(controller):
         controller.on_state = lambda stamp_ns: (
             (controller.answered_ns or controller.count_subscribers('/tf'))
             and Controller.on_state(controller, stamp_ns)
         )
-        spin([controller], lambda: plant.poll() is not None)
-    others.terminate()
-    assert (plant.returncode, others.wait(SECONDS)) == (0, 0)
-    moving, fixed = (
-        [*map(json.loads, p.communicate(timeout=SECONDS)[0].splitlines())] for p in listeners
-    )
+
+    with (
+        process(tf2.LISTENER, str(COMPARED), **piped) as moving_listener,
+        process(tf2.LISTENER, '3', '/tf_static', **piped) as fixed_listener,
+        # it publishes /tf, too, where the plant does not
+        process('-m', 'bags.markers_node', **options),
+    ):
+        code, controller = drive_process(
+            weave, environment=options['env'], before=deaf_until_it_is_heard, **{'stop.x_m': 40.0}
+        )
+        assert code == 0
+        moving, fixed = (
+            [json.loads(line) for line in listener.communicate(timeout=SECONDS)[0].splitlines()]
+            for listener in (moving_listener, fixed_listener)
+        )
 
     stamps = sorted({item['stamp_ns'] for item in moving})
     # markers_node would repeat a stamp, or send one between: it has those of every 50 ms
