@@ -10,7 +10,7 @@ from installation import ROOT
 
 from msgs_yaml.types import WHEELS
 from node_runtime import named_vector
-from vehicle_plant import circular_driving, double_track, identify, integrator, parameters, tyre
+from vehicle_plant import circular_driving, identify, integrator, parameters, suspension, tyre
 from vehicle_plant.initial_state import Start, rolling_state
 from vehicle_plant.simulator import Simulator
 from vehicle_plant.state import State
@@ -122,7 +122,7 @@ def test_e90_is_the_measured_one():
     ay, phi = roll('bmw_330i.yaml')
     assert np.degrees(np.interp(0.6 * 9.81, ay, phi)) == pytest.approx(2.0, abs=0.1)
     plant = load('bmw_330i.yaml')
-    corners, scaling = double_track.wheel_corners(plant.car)[::2], plant.car.scaling
+    corners, scaling = suspension.wheel_corners(plant.car)[::2], plant.car.scaling
     for corner, axle, expected in zip(corners, (scaling.front, scaling.rear), (116.6e3, 109.5e3)):
         c = tyre.Contact(float(corner.Fz_static), 0.0, 0.0, 0.0, 1.0, 220e3)
         assert -tyre.stiffness(c, plant.tyre, axle).Ky == pytest.approx(expected, rel=0.02)

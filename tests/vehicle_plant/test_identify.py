@@ -1,5 +1,7 @@
 """The controller's tyre from circular driving."""
 
+import contextlib
+import io
 import re
 import shlex
 from pathlib import Path
@@ -81,36 +83,54 @@ def test_a_manoeuvre_that_does_not_reach_its_end_is_an_error(params, changes, se
         circular_driving.drive(altered(params, **changes), 1.0, circle_params(**settings))
 
 
-def test_controller_uses_what_this_plant_gives_every_time_bit_by_bit(tmp_path):
+@pytest.fixture(scope='module')
+def by_manual(tmp_path_factory):
+    """What the commands of the manual leave and print, by the file that they write."""
+    results = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path_factory.mktemp('manual'))
+        for command in COMMANDS:
+            option, name, *_ = arguments = shlex.split(command)
+            # an earlier file may hold anything
+            earlier = '/**: {ros__parameters: {car: {mass_kg: 1500.0, yaw_inertia_kgm2: abc}}}'
+            Path(name).write_text(earlier)
+            with contextlib.redirect_stdout(io.StringIO()) as printed:
+                assert (option, identify.main(arguments)) == ('--out', 0)
+            results[name] = Path(name).absolute(), printed.getvalue()
+    return results
+
+
+def test_the_manual_has_three_commands_that_leave_a_file_and_a_picture(by_manual):
+    assert len(by_manual) == 3
+    for path, _ in by_manual.values():
+        assert path.is_file()
+        assert path.with_suffix('.png').is_file()
+
+
+def test_controller_uses_what_this_plant_gives_every_time_bit_by_bit(by_manual, tmp_path):
     """The committed file is not older than the plant."""
-    for name in ('a', 'b'):
-        assert identify.main(['--out', str(tmp_path / f'{name}.yaml')]) == 0
-    for suffix in ('yaml', 'png'):
-        first, second = (tmp_path / f'{name}.{suffix}' for name in 'ab')
-        assert first.read_bytes() == second.read_bytes()
-    fresh = yaml_parameters.read_file(tmp_path / 'a.yaml').values
+    first, _ = by_manual['car.yaml']
+    again = tmp_path / 'car.yaml'
+    assert identify.main(['--out', str(again)]) == 0
+    for suffix in ('.yaml', '.png'):
+        assert first.with_suffix(suffix).read_bytes() == again.with_suffix(suffix).read_bytes()
+    fresh = yaml_parameters.read_file(first).values
     used = yaml_parameters.read_file(share.path('mpcc_controller', 'config', 'car.yaml')).values
     assert fresh == pytest.approx(used, rel=1e-4)
 
 
-def test_files_note_how_they_were_made_and_the_result_is_shown_beside_the_one_before(
-    tmp_path, capsys
-):
-    """An earlier file may hold anything. The GTI is driven at the front and steers slowly."""
-    out = tmp_path / 'car.yaml'
-    out.write_text('/**: {ros__parameters: {car: {mass_kg: 1500.0, yaw_inertia_kgm2: abc}}}')
-    given = ['--car', 'vw_gti.yaml', '--manoeuvre', 'constant_radius', '--friction', '0.8']
-    assert identify.main(['--out', str(out), *given]) == 0
-    printed = capsys.readouterr().out
+def test_files_note_how_they_were_made_and_the_result_is_shown_beside_the_one_before(by_manual):
+    """The GTI is driven at the front and steers slowly."""
+    out, printed = by_manual['gti.yaml']
     rows = [line.split() for line in printed.splitlines()]
-    assert ['car.yaml', 'value', 'before', 'unit,', 'meaning'] in rows
+    assert ['gti.yaml', 'value', 'before', 'unit,', 'meaning'] in rows
     assert ['car.mass_kg', '1868', '1500', 'kg'] in rows
     assert ['car.yaw_inertia_kgm2', '3049', 'abc', 'kg', 'm^2'] in rows
     values, force = yaml_parameters.read_file(out).values, load('vw_gti.yaml').car.force
     assert values.keys() <= {row[0] for row in rows if row}
-    assert f'--set plant.plant_params=vw_gti.yaml --set controller.car_file={out}' in printed
+    assert '--set plant.plant_params=vw_gti.yaml --set controller.car_file=./gti.yaml' in printed
     text = out.read_text()
-    assert 'identify --car vw_gti.yaml --manoeuvre constant_radius --friction 0.8 --out' in text
+    assert 'identify --car vw_gti.yaml --manoeuvre constant_radius --friction 1 --out' in text
     assert 'radius 60 m' in text
     assert 'systematic' in text
     expected = {
@@ -120,19 +140,6 @@ def test_files_note_how_they_were_made_and_the_result_is_shown_beside_the_one_be
         'drive_n': force.front.drive_n + force.rear.drive_n,
     }
     assert {name: values[f'actuators.{name}'] for name in expected} == expected
-
-
-def test_the_manual_has_three_commands():
-    assert len(COMMANDS) == 3
-
-
-@pytest.mark.parametrize('command', COMMANDS)
-def test_identify_runs_as_the_manual_says(command, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    arguments = shlex.split(command)
-    assert identify.main(arguments) == 0
-    assert Path(arguments[1]).is_file()
-    assert Path(arguments[1]).with_suffix('.png').is_file()
 
 
 CARS = 'bmw_320i.yaml, bmw_330i.yaml, bmw_545i.yaml, commonroad_320i.yaml, vw_gti.yaml'

@@ -71,17 +71,17 @@ def test_times_and_gains_are_in_order():
     assert of_form[1] < of_form[0] / 3
 
 
+# but for the sine sweep, which is far from every limit
 LIMITED = {
     'steady_circle': 'greatest_ay',
     'step_steer': 'ay_steady',
-    'sine_sweep': 'greatest_ay',
     'straight_braking': 'mean_full_deceleration',
     'turn_braking': 'mean_deceleration_at_6',
     'sine_with_dwell': 'displacement_at_4',
 }
 
 
-@pytest.mark.parametrize('name', MANOEUVRES)
+@pytest.mark.parametrize('name', LIMITED)
 def test_ice_can_be_driven_on(name):
     dry, ice = perform(name), perform(name, 0.2)
     assert ice.numbers.keys() == dry.numbers.keys()
