@@ -1,6 +1,7 @@
 """The report as a reader sees it: in headless Chromium, played and zoomed, without a network."""
 
 import pytest
+from evaluated_drives import evaluate_runs
 
 from bags.evaluation import metrics
 from bags.report import page
@@ -160,10 +161,10 @@ def test_a_run_can_be_hidden_and_followed(report, browse):
 
 
 def test_of_many_runs_those_that_are_chosen_are_named_above_the_road(
-    make_runs, drives, logs, browse, tmp_path
+    drives, logs, browse, tmp_path
 ):
     many = {f'own@{k:02d}': drives['own'] for k in range(30)}
-    runs = make_runs(many)
+    runs = evaluate_runs(many)
     values = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
     for run in runs:
         run.log = logs['own']
