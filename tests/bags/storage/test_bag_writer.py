@@ -6,10 +6,9 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from one_second import expected
+from one_second import expected, write_recordings
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
-from test_damage import write_anew
 
 from bags.evaluation.bag_summary import summarize_bag
 from bags.storage import read
@@ -33,7 +32,7 @@ def whole(bag_folder):
 def split(request, tmp_path_factory, whole):
     """Return a folder of the same messages, and how they were split."""
     folder = tmp_path_factory.mktemp('written') / 'bag'
-    write_anew(whole, folder, request.param)
+    write_recordings(folder, whole.recordings.values(), whole.run_info, request.param)
     return folder, request.param
 
 

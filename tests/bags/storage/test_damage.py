@@ -21,6 +21,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
+from one_second import write_recordings
 from rosbags.rosbag2 import Reader
 
 from bags import cli
@@ -313,26 +314,9 @@ def test_full_disk_is_a_clear_error_and_what_was_flushed_stays_complete(tmp_path
 def split_folder(tmp_path_factory, bag_folder):
     """Return a bag in eleven files of a tenth of a second each, and what is left of it."""
     folder = tmp_path_factory.mktemp('split') / 'bag'
-    write_anew(read.load(bag_folder), folder, Split(duration_ns=90_000_000))
-    return folder
-
-
-def write_anew(bag, folder, split):
-    """Write a bag with another split, in the order of time."""
-    recordings = list(bag.recordings.values())
-    writer = BagWriter(folder, [r.topic for r in recordings], {'run': bag.run_info}, split)
-    rows = [
-        (log_ns, index, publish_ns, data, sequence)
-        for index, r in enumerate(recordings)
-        for log_ns, publish_ns, data, sequence in zip(
-            r.log_ns.tolist(), r.publish_ns.tolist(), r.payloads, r.sequence.tolist()
-        )
-    ]
-    for k, (log_ns, index, *others) in enumerate(sorted(rows)):
-        writer.write(index, log_ns, *others)
-        if k % 100 == 0:
-            writer.flush()
-    writer.close()
+    whole = read.load(bag_folder)
+    split = Split(duration_ns=90_000_000)
+    return write_recordings(folder, whole.recordings.values(), whole.run_info, split)
 
 
 def states(bag):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from one_second import expected
+from one_second import expected, in_memory, recording, write_recordings
 from rich.console import Console
 
 from bags import cli
@@ -13,29 +13,16 @@ from bags.commands import timing
 from bags.errors import BagError
 from bags.evaluation import tick_timing
 from bags.evaluation.bag_summary import summarize_bag
-from bags.storage import message_filing, read
-from bags.storage.bag_writer import BagWriter
-from bags.storage.read import Bag, Recording
-from msgs_yaml import contract, encode
+from bags.storage import read
+from bags.storage.read import Recording
+from msgs_yaml import encode
 from msgs_yaml.types import Command, VehicleState, Why
 from node_runtime import ros
 
 MS, S = 1_000_000, 1_000_000_000
 TICK = 50 * MS
-TOPICS = {topic.name: topic for topic in message_filing.bag_topics(contract.load(), 'realtime')}
 STATE, COMMAND, WHY = '/vehicle/odometry', '/controller/command', '/controller/why'
 GOLDEN = Path(__file__).parents[3] / 'bags/reference/double_lane_change/mpcc'
-
-
-def write(folder, recordings, entries=None):
-    """Write a bag of recordings, every message under its log time."""
-    writer = BagWriter(folder, [r.topic for r in recordings], {'run': entries or {}})
-    for index, r in enumerate(recordings):
-        columns = (r.log_ns.tolist(), r.publish_ns.tolist(), r.payloads, r.sequence.tolist())
-        for row in zip(*columns):
-            writer.write(index, *row)
-    writer.close()
-    return folder
 
 
 def thinned(recorded, left_out):
@@ -58,7 +45,7 @@ def limping(tmp_path, bag_folder):
     whys, clock = recordings[WHY], recordings['/clock']
     whys.payloads[5] = whys.payloads[5].replace(b'solved', b'shifte')
     entries = {'scenario': 's', 'scenario_sha256': 'f' * 64}
-    return write(tmp_path / 'bag', [states, commands, whys, clock], entries)
+    return write_recordings(tmp_path / 'bag', [states, commands, whys, clock], entries)
 
 
 def test_summary_counts_rates_gaps_losses_latency_and_fallbacks(limping):
@@ -88,7 +75,8 @@ def test_what_a_bag_cannot_tell_is_none(tmp_path, bag_folder, capsys):
     several = Recording(
         health.topic, times, times, np.array([1, 1, 2, 2, 5]), health.payloads[:1] * 5
     )
-    folder = write(tmp_path / 'bag', [several, thinned(recordings[COMMAND], range(1, 20))])
+    recordings = [several, thinned(recordings[COMMAND], range(1, 20))]
+    folder = write_recordings(tmp_path / 'bag', recordings, {})
     result = summarize_bag(read.load(folder))
     assert result['topics']['/diagnostics']['lost'] is None
     assert result['topics'][COMMAND]['rate_hz'] is None
@@ -163,13 +151,11 @@ def ring(ticks, latency_ms=lambda k: 12.0, answered=lambda k: True, blind=(), un
         command_ns = stamp + MS + round(latency_ms(k) * MS)
         sent[COMMAND].append((command_ns, encode.command(Command(answer, 0.0, 0.0, 0.0, 0.0))))
         sent[WHY].append((command_ns, encode.why(Why(answer, 0, '', values))))
-    recordings = {}
+    made = []
     for name, rows in sent.items():
-        sent_ns = np.array([ns for ns, _ in rows], dtype=np.int64)
-        payloads = [ros.serialize(message) for _, message in rows]
-        sequence = 1 + np.arange(len(rows))
-        recordings[name] = Recording(TOPICS[name], sent_ns, sent_ns, sequence, payloads)
-    return Bag(path=Path('bag'), files=(), recordings=recordings, records={}, damage=None)
+        sent_ns = [ns for ns, _ in rows]
+        made.append(recording(name, [message for _, message in rows], sent_ns, sent_ns))
+    return in_memory(*made, path=Path('bag'))
 
 
 def test_the_parts_of_a_tick_are_told_apart_and_sum_up():
@@ -232,7 +218,7 @@ def test_what_a_bag_does_not_tell_is_a_dash(bag, capsys):
 
 def test_the_report_has_quantiles_intervals_and_the_lateness_of_the_plant(tmp_path, capsys):
     bag = ring(100, latency_ms=lambda k: 10.0 + 10.0 * (k == 50))
-    folder = write(tmp_path / 'bag', list(bag.recordings.values()))
+    folder = write_recordings(tmp_path / 'bag', bag.recordings.values(), {})
     assert cli.main(['timing', str(folder), '--json']) == 0
     result = json.loads(capsys.readouterr().out)
     assert result['mode'] == 'realtime'

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from nav_msgs.msg import Path as PathMessage
+from one_second import TOPICS, in_memory, recording
 from rich.console import Console
 
 from bags import cli
@@ -20,7 +21,7 @@ from bags.evaluation.bag_summary import summarize_bag
 from bags.figures import comparison_figures
 from bags.report.comparison import compare_bags, show_comparison
 from bags.run import load_quietly
-from bags.storage import message_filing, read
+from bags.storage import read
 from bags.storage.decoding import DECODE_ERRORS, decode_message
 from bags.storage.invalid_messages import (
     count_invalid,
@@ -29,8 +30,7 @@ from bags.storage.invalid_messages import (
     find_foreign_stamps,
     obeys_contract,
 )
-from bags.storage.read import Bag, Recording
-from msgs_yaml import contract, encode
+from msgs_yaml import encode
 from msgs_yaml.types import (
     Actuators,
     Command,
@@ -50,7 +50,6 @@ LATER_NS = 9 * S
 STATE, REFERENCE, WHY = '/vehicle/odometry', '/scenario/reference', '/controller/why'
 ACTUATORS, IMU, OBSTACLES = '/vehicle/actuators', '/vehicle/imu', '/scenario/obstacles'
 FOUR = (0.1, 0.2, 0.3, 0.4)
-TOPICS = {topic.name: topic for topic in message_filing.bag_topics(contract.load(), 'lockstep')}
 MADE = {
     STATE: lambda: encode.odometry(VehicleState(S, 1.0, 2.0, 0.3, 20.0, 0.1, 0.2)),
     ACTUATORS: lambda: encode.actuators(Actuators(S, 0.1, 0.2, -3e3, -2e3, FOUR)),
@@ -69,10 +68,7 @@ PATHS = (
 
 def made_up(name, *messages):
     """Return a bag of one topic; what is no bytes is serialised."""
-    payloads = [item if isinstance(item, bytes) else ros.serialize(item) for item in messages]
-    times = np.arange(len(payloads), dtype=np.int64)
-    recorded = Recording(TOPICS[name], times, times, times + 1, payloads)
-    return Bag('made up', (), {name: recorded}, {}, None)
+    return in_memory(recording(name, messages))
 
 
 def put(message, path, value):

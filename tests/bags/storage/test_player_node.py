@@ -216,15 +216,6 @@ def test_command_becomes_the_player_with_every_option(monkeypatch):
     ]
 
 
-def test_command_plays_a_bag(bag_folder, domain):
-    words = [sys.executable, '-m', 'bags.cli', 'play', bag_folder, '--rate', '50']
-    done = subprocess.run(
-        [*words, '--topics', '/clock'], capture_output=True, text=True, timeout=TIMEOUT_S
-    )
-    assert done.returncode == 0
-    assert 'played 20 messages' in done.stdout + done.stderr
-
-
 @pytest.mark.parametrize('mode', contract.MODES)
 def test_publishers_offer_what_was_recorded(mode):
     for topic in contract.load().topics.values():
