@@ -111,7 +111,9 @@ def write(folder, messages, entries):
     recordings = {}
     for topic, sent in messages.items():
         stamps_ns = np.array([getattr(value, 'stamp_ns', value) for value in sent])
-        payloads = [encoded(topic, value) for value in sent]
+        payloads = [ros.serialize(encoded(topic, value)) for value in sent]
+        # the middleware fills up to four bytes
+        payloads = [data + bytes(-len(data) % 4) for data in payloads]
         recordings[topic] = recording(topic, payloads, stamps_ns, 2 * START_NS + stamps_ns)
     write_recordings(folder, (silent | recordings).values(), entries)
 
