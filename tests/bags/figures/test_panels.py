@@ -8,7 +8,6 @@ from evaluated_drives import evaluate_runs
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from straight_drive import drive_of, straight_scene
 
@@ -58,16 +57,6 @@ AREAS = ['within the safety distance', 'circles overlap']
 def test_a_legend_lists_what_its_panel_shows(runs, name, marks):
     (legend,) = comparison_figures.draw_figure(name, runs, '').legends
     assert [text.get_text() for text in legend.get_texts()] == [run.name for run in runs] + marks
-
-
-def test_a_legend_of_long_names_is_within_the_figure(runs):
-    long = panels.assign({f'{run.name}_with_a_long_name_of_its_own': run for run in runs})
-    figure = comparison_figures.draw_figure('v2o', long, '')
-    (legend,) = figure.legends
-    figure.draw_without_rendering()
-    box = legend.get_window_extent()
-    assert 0.0 <= box.x0 < box.x1 <= figure.bbox.x1
-    assert len({round(text.get_window_extent().y0) for text in legend.get_texts()}) > 1
 
 
 def test_whole_cars_and_obstacles_are_in_view_and_what_moves_has_times(runs):
@@ -161,49 +150,6 @@ def test_many_runs_of_a_controller_share_a_colour_and_a_line_of_the_legend():
     assert list(style.legend_looks(style.assign_looks(names, names), names)) == ['30 runs']
     few = style.assign_looks(names[:3], controllers[:3])
     assert style.legend_looks(few, controllers[:3]) == few
-
-
-def lab(linear):
-    """Return CIELAB of linear sRGB, white D65."""
-    xyz = (
-        np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
-        @ linear
-        / np.array([0.9505, 1.0, 1.089])
-    )
-    f = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116)
-    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
-
-
-@pytest.mark.parametrize(  # Machado et al. 2009, severity 1
-    'matrix',
-    [
-        pytest.param(np.eye(3), id='all colours'),
-        pytest.param(
-            [[0.15, 1.05, -0.2], [0.11, 0.79, 0.1], [-0.004, -0.048, 1.05]], id='protanopia'
-        ),
-        pytest.param(
-            [[0.37, 0.86, -0.23], [0.28, 0.67, 0.05], [-0.012, 0.043, 0.97]], id='deuteranopia'
-        ),
-    ],
-)
-def test_the_colours_of_the_known_controllers_differ_for_colour_blind_readers(matrix):
-    seen = []
-    for colour in style.KNOWN.values():
-        rgb = np.array([int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5)])
-        linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-        seen.append(lab(np.clip(np.array(matrix) @ linear, 0.0, 1.0)))
-    for mine, other in itertools.combinations(seen, 2):
-        assert np.linalg.norm(mine - other) > 20.0
-
-
-def test_of_labels_that_cover_each_other_the_first_stays():
-    figure = Figure(figsize=(4, 2))
-    FigureCanvasAgg(figure)
-    ax = figure.add_subplot()
-    texts = [ax.text(x, 0.5, '1.2 s', gid=style.TIME_LABEL) for x in (0.1, 0.12, 0.6)]
-    other = ax.text(0.1, 0.5, 'no time')
-    style.hide_overlapping(figure, style.TIME_LABEL)
-    assert [text.get_visible() for text in (*texts, other)] == [True, False, True, True]
 
 
 # of the page

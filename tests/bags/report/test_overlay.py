@@ -88,7 +88,7 @@ def test_two_things_of_one_name_are_refused(measured, runs):
 
 
 def test_an_overlay_is_dotted_in_its_panels_and_nowhere_else(runs, overlay, tmp_path):
-    for name, drawn in (('velocity', True), ('trajectories', True), ('sideslip', False)):
+    for name, drawn in (('velocity', True), ('trajectories', True), ('gg', False)):
         figure = comparison_figures.draw_figure(name, runs, '', [overlay])
         (legend,) = figure.legends
         assert ('measured' in [text.get_text() for text in legend.get_texts()]) == drawn

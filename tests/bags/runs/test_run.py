@@ -77,6 +77,10 @@ def test_the_controller_and_its_judge_give_the_contouring_error_one_sign():
     assert np.ptp(judged) > 0.5  # on both sides of the path
     # the controller projects onto a spline, the judge onto the polyline
     assert np.interp(reported.index, judged.index, judged) == pytest.approx(reported, abs=0.01)
+    reports = driven.frame('/controller/why').set_index('stamp_ns')['friction.front']
+    shown = driven.signals['model_friction_use.front'].to_numpy()
+    at = np.searchsorted(driven.stamp_ns, reports.index)
+    assert np.array_equal(shown[at], reports, equal_nan=True)
 
 
 def test_a_set_point_is_due_a_period_after_its_state(second):

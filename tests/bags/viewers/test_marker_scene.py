@@ -45,7 +45,7 @@ def find(shapes, ns):
     return [item for item in shapes if item.ns == ns]
 
 
-@pytest.fixture(scope='module')
+@pytest.fixture
 def drawn():
     return draw(SCENE)
 
