@@ -46,7 +46,6 @@ def test_what_is_no_bag_is_refused_by_name(folder, capsys, command, path, why):
     [
         (['compare', 'report.html', 'runs/mpcc_road'], 1, 'since they are no bags: report.html\n'),
         (['compare', 'runs/noise', 'runs/noise/'], 1, 'does not begin as an MCAP file'),
-        (['overview', 'empty'], 1, 'is no bag, and none is below it'),
         (['film', 'runs/noise', '--out', 'film.avi'], 1, 'a film ends with .gif or .mp4'),
         (['compair'], 2, "did you mean 'compare'"),
         (['compare', 'x', '--forse'], 2, "did you mean '--force'"),
