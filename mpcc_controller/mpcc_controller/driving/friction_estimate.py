@@ -67,7 +67,7 @@ class FrictionBelief(NamedTuple):
     excitation: float
 
 
-class Memory(NamedTuple):
+class FrictionMemory(NamedTuple):
     """What an estimator has learnt; its arrays are never changed in place."""
 
     log: np.ndarray  # (n,) of the probabilities of the hypotheses, without their common factor
@@ -109,7 +109,7 @@ class FrictionEstimator:
         self._prior = np.log(prior)
         noise = (params.speed_noise_mps, params.lateral_noise_mps, params.yaw_rate_noise_radps)
         self._model_variance = np.square(noise)
-        self.start = Memory(  # the belief of the start
+        self.start = FrictionMemory(  # the belief of the start
             log=self._prior,
             error=np.zeros(n),
             variance=np.full(n, params.sideslip_error_rad**2),
@@ -121,12 +121,12 @@ class FrictionEstimator:
             last=None,
         )
 
-    def probabilities(self, memory: Memory) -> np.ndarray:
+    def probabilities(self, memory: FrictionMemory) -> np.ndarray:
         """Return the probability of every hypothesis of `grid`."""
         p = np.exp(memory.log - np.max(memory.log))
         return p / np.sum(p)
 
-    def belief(self, memory: Memory) -> FrictionBelief:
+    def belief(self, memory: FrictionMemory) -> FrictionBelief:
         """Return the quantile of the friction, linear between hypotheses, and the excitation."""
         upto = np.cumsum(self.probabilities(memory))
         # the probability of a hypothesis is spread over the interval that ends at it
@@ -134,7 +134,9 @@ class FrictionEstimator:
         friction = np.interp(self._params.quantile, np.concatenate(([0.0], upto)), corners)
         return FrictionBelief(float(friction), memory.excitation)
 
-    def update(self, before: Memory, x: VehicleState, ramps: Sequence[SetpointRamp]) -> Memory:
+    def update(
+        self, before: FrictionMemory, x: VehicleState, ramps: Sequence[SetpointRamp]
+    ) -> FrictionMemory:
         """Return what is learnt from the state of a tick.
 
         `ramps` are those of the set-points sent so far, the newest last.
@@ -158,7 +160,7 @@ class FrictionEstimator:
             return self._compare(before, now, measured, duration_s, ramps)
         return now
 
-    def filtered(self, memory: Memory, x: VehicleState) -> VehicleState:
+    def filtered(self, memory: FrictionMemory, x: VehicleState) -> VehicleState:
         """Return the state given to `update` with the velocities that are estimated from it.
 
         Where no noise was measured these are the measured ones.
@@ -173,7 +175,9 @@ class FrictionEstimator:
         slowest = SLOWEST_MPS if self._is_slow_known else LEAST_SPEED_MPS
         return x.vx > slowest and abs(x.vy) <= np.tan(MAX_SIDESLIP) * x.vx
 
-    def _compare(self, before: Memory, now: Memory, measured, duration_s, ramps) -> Memory:
+    def _compare(
+        self, before: FrictionMemory, now: FrictionMemory, measured, duration_s, ramps
+    ) -> FrictionMemory:
         """Return what predictions from the tick before tell beside the measured velocities."""
         best = int(np.argmax(before.log))
         residuals, slopes, transition, difference = self._residuals(
@@ -199,8 +203,8 @@ class FrictionEstimator:
         )
 
     def _measure_noise(
-        self, before: Memory, now: Memory, difference, transition, duration_s
-    ) -> Memory:
+        self, before: FrictionMemory, now: FrictionMemory, difference, transition, duration_s
+    ) -> FrictionMemory:
         """Return the memory with the variances of the measured velocities.
 
         `difference` d (3,) is that between measured velocities and those predicted from the
@@ -231,7 +235,9 @@ class FrictionEstimator:
             difference=difference,
         )
 
-    def _weigh(self, memory: Memory, residuals, slopes, information, duration_s) -> Memory:
+    def _weigh(
+        self, memory: FrictionMemory, residuals, slopes, information, duration_s
+    ) -> FrictionMemory:
         """Return the memory with new probabilities, and the sideslip error by hypothesis.
 
         That is estimated by a Kalman filter each.
@@ -265,7 +271,7 @@ class FrictionEstimator:
             misfit=misfit,
         )
 
-    def _residuals(self, before: Memory, stamp_ns, best: int, measured, duration_s, ramps):
+    def _residuals(self, before: FrictionMemory, stamp_ns, best: int, measured, duration_s, ramps):
         """Return measured minus predicted velocities, and what they depend on.
 
         The residuals (3, n) of all hypotheses and their slopes over the sideslip error; of the

@@ -6,12 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller.driving import friction_estimate
 from mpcc_controller.driving.actuator_monitor import ActuatorCheck, ActuatorState
 from mpcc_controller.driving.choose import Candidacy, Choice, Outcome
 from mpcc_controller.driving.delay_compensation import SetpointRamp
 from mpcc_controller.driving.fallback import Decision, Plans
-from mpcc_controller.driving.friction_estimate import FrictionBelief
+from mpcc_controller.driving.friction_estimate import FrictionBelief, FrictionMemory
 from mpcc_controller.driving.obstacle_perception import Sightings
 from mpcc_controller.driving.path_progress import Progress
 from mpcc_controller.driving.prediction_model import TickProblem
@@ -105,7 +104,7 @@ class Memory:
     last: Command  # sent last, or the held actuators
     ramps: tuple[SetpointRamp, ...]  # set-points sent, the newest last
     sightings: Sightings
-    friction: friction_estimate.Memory | None  # None where it is not estimated
+    friction: FrictionMemory | None  # None where it is not estimated
     believed: float  # friction coefficient
     actuators: ActuatorState = field(default_factory=ActuatorState)
     guide: tuple[int, np.ndarray] | None = None  # stamp [ns] and points [m] of the last plan, map
