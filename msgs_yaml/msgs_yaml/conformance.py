@@ -74,11 +74,6 @@ def obeys(topic: str, numbers: Mapping[str, np.ndarray]) -> np.ndarray:
     return valid
 
 
-@cache
-def _checks(name):
-    return _Checks(name)
-
-
 class _Checks:
     """The checks of one topic; each yields the violations of a message."""
 
@@ -182,3 +177,6 @@ class _Checks:
     def _out_of_range(self, path, field: Field, value):
         allowed = f'{field.low:g} to {field.high:g} {field.unit}'
         return self._violation(f'{path} ({field.symbol})', value, allowed)
+
+
+_checks = cache(_Checks)

@@ -65,7 +65,10 @@ class FlatFields:
         self._parts = [
             slice(*ends) for ends in pairwise(accumulate(map(len, fields.values()), initial=0))
         ]
-        self._joints = described.joints
+        self._get = attrgetter(*(JOINT_ARRAYS if described.joints else self.paths))
+        self._places = []  # of a JointState: array and index of each number
+        for ((array, name),) in map(field_paths.parse, self.paths if described.joints else ()):
+            self._places.append((JOINT_ARRAYS.index(array), described.joints.index(name)))
         self._ranges = [(described.fields[p].low, described.fields[p].high) for p in self.paths]
         self._turn = [i for i, p in enumerate(self.paths) if f'{conformance.ORIENTATION}.' in p]
         message, offsets = _message(described)
@@ -103,11 +106,10 @@ class FlatFields:
 
     def numbers_of(self, message: Any) -> list[float]:
         """Return the numbers of a message object of any library."""
-        if not self._joints:
-            return list(map(float, attrgetter(*self.paths)(message)))
-        steps = [step for path in self.paths for step in field_paths.parse(path)]
-        arrays = {array: getattr(message, array) for array in JOINT_ARRAYS}
-        return [float(arrays[s.attribute][self._joints.index(s.selector)]) for s in steps]
+        given = self._get(message)
+        if self._places:
+            given = [given[array][index] for array, index in self._places]
+        return list(map(float, given))
 
     def fill(self, value: Any) -> bytes:
         """Return the serialised message of a value of `types`."""
