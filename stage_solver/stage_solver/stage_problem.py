@@ -54,7 +54,15 @@ class StageProblem:
             raise ProblemError(f'problem name {self.name!r} is not an identifier')
         if self.horizon < 1 or not self.states or not self.inputs:
             raise ProblemError(f'{self.name}: a stage, a state and an input are needed')
-        for field, default in self._defaults().items():
+        x, u, p = (ca.SX.sym(*name) for name in (('x', self.nx), ('u', self.nu), ('p', self.np)))
+        defaults = {
+            'terminal_cost': ca.Function('terminal_cost', [x, p], [ca.SX(0)]),
+            'constraints': ca.Function('constraints', [x, u, p], [ca.SX(0, 1)]),
+            'terminal_constraints': ca.Function('terminal_constraints', [x, p], [ca.SX(0, 1)]),
+            'scale_x': (1.0,) * self.nx,
+            'scale_u': (1.0,) * self.nu,
+        }
+        for field, default in defaults.items():
             if getattr(self, field) is None:
                 object.__setattr__(self, field, default)
         before_last, last = (self.nx, self.nu, self.np), (self.nx, self.np)
@@ -113,16 +121,6 @@ class StageProblem:
         shapes = {'x0': (nx,), 'P': (N + 1, self.np), 'X': limited['x'], 'U': limited['u']}
         shapes |= {f'{x}_{end}': limited[x] for x in limited for end in ('low', 'high')}
         return shapes | {f'm_{x}': limited[x] for x in limited} | {'m_dynamics': (N, nx)}
-
-    def _defaults(self):
-        x, u, p = (ca.SX.sym(*name) for name in (('x', self.nx), ('u', self.nu), ('p', self.np)))
-        return {
-            'terminal_cost': ca.Function('terminal_cost', [x, p], [ca.SX(0)]),
-            'constraints': ca.Function('constraints', [x, u, p], [ca.SX(0, 1)]),
-            'terminal_constraints': ca.Function('terminal_constraints', [x, p], [ca.SX(0, 1)]),
-            'scale_x': (1.0,) * self.nx,
-            'scale_u': (1.0,) * self.nu,
-        }
 
     def _check_sizes(self, field, sizes_in, size_out):
         function = getattr(self, field)

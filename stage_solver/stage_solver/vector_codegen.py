@@ -73,25 +73,21 @@ class Emitter:
 
     def __init__(self, graph: ExpressionGraph, name: str, stride: str):
         self.graph, self.name, self.stride = graph, name, stride
-        self.once_rows = self._number_once_values()
+        self.once_rows: dict[int, int] = {}
+        for outputs in graph.roots.values():
+            roots = _flatten(outputs)
+            needed = [n for n in roots if self._is_stored(n)]
+            for node in graph.reachable(roots):
+                if not graph.is_once(node):
+                    needed += [a for a in graph.arguments(node) if self._is_stored(a)]
+            for node in needed:
+                self.once_rows.setdefault(node, len(self.once_rows))
 
     def source(self) -> str:
         """Return the C functions `<name>_once`, and one per function of the graph."""
         parts = [self._once()]
         parts += [self._function(name, outputs) for name, outputs in self.graph.roots.items()]
         return '\n'.join(parts)
-
-    def _number_once_values(self):
-        rows = {}
-        for outputs in self.graph.roots.values():
-            roots = _flatten(outputs)
-            needed = [n for n in roots if self._is_stored(n)]
-            for node in self.graph.reachable(roots):
-                if not self.graph.is_once(node):
-                    needed += [a for a in self.graph.arguments(node) if self._is_stored(a)]
-            for node in needed:
-                rows.setdefault(node, len(rows))
-        return rows
 
     def _is_stored(self, node):
         return self.graph.is_once(node) and self.graph.nodes[node].op not in (

@@ -64,7 +64,7 @@ def assert_equal_multipliers(solution, reference):
 kept = cache(make)
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(seeds)
 def test_random_limits_of_every_kind_are_met_as_ipopt_meets_them(seed):
     case = limited(random_linear(20, seed)[0], seed)

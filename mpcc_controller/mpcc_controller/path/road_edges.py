@@ -55,7 +55,13 @@ def _polyline(side, points):
     points = np.asarray(points, float)
     if points.ndim != 2 or points.shape[1] != 2 or not np.all(np.isfinite(points)):
         raise EdgeError(f'the {side} edge is not a list of finite points')
-    points = _distinct(points)
+    # repetitions count once, and so does what is so near that the square of its distance, which is
+    # divided by, underflows
+    while len(points) > 1:
+        moved = np.sum(np.diff(points, axis=0) ** 2, axis=1) > 0
+        if np.all(moved):
+            break
+        points = points[np.concatenate(([True], moved))]
     if len(points) < 2:
         raise EdgeError(f'the {side} edge has fewer than two distinct points')
     start, end = points[0] - points[1], points[-1] - points[-2]
@@ -69,19 +75,6 @@ def _polyline(side, points):
     s = np.concatenate(([0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
     table = compiled_queries.row(np.vstack((points.T, s)))
     return Polyline(table, compiled_queries.make_discs(*points[1:-1].T))
-
-
-def _distinct(points):
-    """Return the points without repetitions of the one before.
-
-    Points whose squared distance underflows count as equal: it is divided by.
-    """
-    while len(points) > 1:
-        moved = np.sum(np.diff(points, axis=0) ** 2, axis=1) > 0
-        if np.all(moved):
-            break
-        points = points[np.concatenate(([True], moved))]
-    return points
 
 
 def edge_beside(line: Polyline, X, Y, window: float) -> Edge:

@@ -9,7 +9,8 @@ import math
 import numpy as np
 
 from mpcc_controller.parameters import Surroundings
-from mpcc_controller.path import reference_path, road_edges
+from mpcc_controller.path import arc, reference_path, road_edges
+from mpcc_controller.path.arc import Pose
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.path.road_edges import Road
 from mpcc_controller.problem.obstacle_motion import AnyObstacle, ExpectedObstacle, Line
@@ -43,10 +44,11 @@ def _with_line(o: AnyObstacle, path, road, params) -> AnyObstacle:
     theta = reference_path.project(path, o.X, o.Y, None, 0.0)
     course = math.atan2(o.vY, o.vX)
     here = _centre(path, road, np.array([theta]), params)
-    turned = math.remainder(course - float(here.centre.psi[0]), 2 * math.pi)
+    pose = Pose(*(float(column[0]) for column in here.centre[:3]))
+    turned = math.remainder(course - pose.psi, 2 * math.pi)
     way = 1.0 if abs(turned) <= math.pi / 2 else -1.0
     angle = turned if way > 0 else math.remainder(turned - math.pi, 2 * math.pi)
-    offset = _left_of(here.centre, o.X, o.Y)[0]
+    offset = arc.contouring_error(pose, o.X, o.Y)
     if abs(angle) > params.follow_road_rad or abs(offset) > here.half_width[0]:
         return o
     along = np.arange(0.0, speed * LONGEST_S + STEP_M, STEP_M)
@@ -72,7 +74,3 @@ def _centre(path, road, theta, params):
     """Return the track beside the path at `theta` (k,)."""
     arcs, _ = reference_path.arcs_at(path, theta)
     return road_edges.track_beside(road, arcs, params.edge_window_m, aligned=True)
-
-
-def _left_of(centre, X, Y):
-    return np.cos(centre.psi) * (Y - centre.Y) - np.sin(centre.psi) * (X - centre.X)

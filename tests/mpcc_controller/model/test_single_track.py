@@ -71,7 +71,7 @@ def transcribed(x, u, c):
 
 
 @pytest.mark.parametrize('lags', [(0.0, 0.0), (0.05, 0.07)])
-@settings(max_examples=150)
+@settings(max_examples=80)
 @given(states, inputs)
 def test_a_step_is_the_midpoint_rule_on_an_independent_transcription(car, lags, x, u):
     car = car._replace(steer_lag=lags[0], force_lag=lags[1])
