@@ -42,7 +42,7 @@ def dynamics():
     """The derivative of the 29 states, from states and inputs of the package."""
     flat = [ca.SX.sym('x', 29), ca.SX.sym('u', 2)]
     body = named_vector.build(Body, ca.vertsplit(flat[0]))
-    dot, _ = equations.evaluate_model(body, flat[1][0], flat[1][1])
+    dot, _ = equations.evaluate_model(body, flat[1][0], flat[1][1], [(1.0, 1.0)] * 4)
     return ca.Function('f', flat, [ca.vertcat(*named_vector.leaves(dot))])
 
 

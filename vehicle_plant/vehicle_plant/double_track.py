@@ -131,6 +131,9 @@ def _planar(planar: Planar, contact_forces, corners, body):
 def project_constraints(x: State, p) -> State:
     """Return the state within its constraints: lining wind-up, mechanical stops (p: `Car`)."""
     return x._replace(
-        wheels=FourWheels(*(wheel.limit_windup(w) for w in x.wheels)),
+        # a lining slips where its wind-up is -1 or 1
+        wheels=FourWheels(
+            *(w._replace(windup=ca.fmin(ca.fmax(w.windup, -1), 1)) for w in x.wheels)
+        ),
         servos=Servos(*map(actuators.stop_at_limits, x.servos, actuators.servo_parameters(p))),
     )

@@ -18,7 +18,7 @@ from vehicle_plant import health, initial_state, integrator, parameters, road_fr
 from vehicle_plant.frames_node import FramesPublisher
 from vehicle_plant.gate import UNREADABLE
 from vehicle_plant.modes_node import LockstepMode, RealtimeMode
-from vehicle_plant.simulator import STEP_NS, Simulator
+from vehicle_plant.simulator import STEP_NS, Simulator, model_of
 
 COMMAND = '/controller/command'
 POLL_S = 0.1  # between two checks whether the run can start
@@ -41,7 +41,7 @@ class PlantNode(ManagedNode):
         self.patches = road_friction.patches_from_parameters(self.params.patches)
         try:
             # compiles, if need be, before time starts
-            integrator.library(integrator.model_of(self.plant))
+            integrator.library(model_of(self.plant))
         except compile_cache.CompileError as error:
             raise ParameterError(str(error)) from None
         self.odometry_pub = ros.TemplatePublisher(self, '/vehicle/odometry')

@@ -7,6 +7,7 @@ import numpy as np
 from msgs_yaml.types import WHEELS, Actuators, Command, VehicleState
 from vehicle_plant import integrator
 from vehicle_plant.actuators import DelayLine, SetPointRamp, delay_steps
+from vehicle_plant.car import MultiBodyParams
 from vehicle_plant.gate import NS_PER_S, Gate, Verdict
 from vehicle_plant.initial_state import Start
 from vehicle_plant.parameters import PlantParams
@@ -16,6 +17,16 @@ STEP_NS = round(integrator.STEP_S * NS_PER_S)
 TICK_NS = 50_000_000
 TICK_STEPS = TICK_NS // STEP_NS
 START_NS = 1_000_000_000  # ROS takes 0 for "no time"
+
+
+def model_of(params: PlantParams) -> integrator.Model:
+    """Return the model that the parameters are for: the double track, or the multi-body one."""
+    if isinstance(params, MultiBodyParams):
+        # needs a package that a plant of its own does not
+        from vehicle_plant.multi_body.equations import MULTI_BODY
+
+        return MULTI_BODY
+    return integrator.DOUBLE_TRACK
 
 
 class RefusedError(ValueError):
@@ -44,7 +55,7 @@ class Simulator:
         if not np.isfinite(start).all():
             raise ValueError(f'the start is not finite: {start}')
         self._params = params
-        self._model = integrator.model_of(params)
+        self._model = model_of(params)
         self._p = integrator.parameter_vector(params, friction)
         self._patches = patches if patches is not None and len(patches) else None
         set_points = SetPoints(0.0, 0.0, 0.0)

@@ -110,25 +110,20 @@ def _weighting(B, C, E, x, shift):
     return ca.cos(_magic(B, C, E, x + shift)) / ca.cos(_magic(B, C, E, shift))
 
 
-def _similar_slips(c, s):
-    """Return the slips at which the unscaled tyre uses the same share of its friction.
-
-    Friction and stiffness scaling move the slip of the peak; by the similarity method (Pacejka
-    2012, 4.2) combined slip moves with it; otherwise a stiff tyre on a wet road would leave its
-    friction ellipse.
-    """
-    kappa = c.kappa * s.LKX / (s.LMUX * c.friction)
-    return kappa, c.tan_alpha * s.LKY / (s.LMUY * c.friction)
-
-
 def force(c: Contact, t: TyreCoefficients, s: TyreScaling) -> Force:
-    """Return the force at combined slip (4.E50, 4.E58), weighted at the similar slips."""
+    """Return the force at combined slip (4.E50, 4.E58), weighted at similar slips.
+
+    At them the unscaled tyre uses the same share of its friction. Friction and stiffness scaling
+    move the slip of the peak; by the similarity method (Pacejka 2012, 4.2) combined slip moves with
+    it; otherwise a stiff tyre on a wet road would leave its friction ellipse.
+    """
     slope = stiffness(c, t, s)
     Fx0 = _pure_longitudinal(c, t, s, slope.Kx)
     Fy0, mu_y = _pure_lateral(c, t, s, slope.Ky)
     _, dfz = _load_excess(c, t, s)
     camber = ca.sin(c.gamma)
-    kappa, tan_alpha = _similar_slips(c, s)
+    kappa = c.kappa * s.LKX / (s.LMUX * c.friction)
+    tan_alpha = c.tan_alpha * s.LKY / (s.LMUY * c.friction)
 
     x = t.combined_longitudinal
     B = (x.RBX1 + x.RBX3 * camber**2) * _cos_atan(x.RBX2 * kappa) * s.LXAL

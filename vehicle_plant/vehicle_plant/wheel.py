@@ -77,8 +77,3 @@ def torques(wheel, axle_force, Fz, p, lining):
     brake = ca.fmin(per_wheel, 0) * engaged
     rolling = -p.rolling_resistance * Fz * p.radius_m * engaged
     return ca.fmax(per_wheel, 0), brake, rolling
-
-
-def limit_windup(wheel):
-    """Return the wheel with the wind-up of its lining within -1 and 1, where the lining slips."""
-    return wheel._replace(windup=ca.fmin(ca.fmax(wheel.windup, -1), 1))

@@ -114,13 +114,6 @@ class MultiBodyState(NamedTuple):
         return Planar(b.X, -b.Y, -b.psi, b.vx, -b.vy, -b.r)
 
 
-class Row(NamedTuple):
-    """A row of a trajectory."""
-
-    state: State
-    outputs: Outputs
-
-
 @cache
 def vehicle():
     """Return the parameters of the model: vehicle 2, a BMW 320i."""
@@ -140,36 +133,28 @@ class _TyrePerWheel:
         return next(self._tyres) if name == 'tire' else getattr(self._parameters, name)
 
 
-class Grip(NamedTuple):
-    """Factors of the friction of a tyre."""
+def evaluate_model(b: Body, steer_rate, acceleration, grips):
+    """Return the derivative of the 29 states, and the variables of the model, on symbols.
 
-    x: Any  # -, longitudinal
-    y: Any  # -, lateral
-
-
-FULL_GRIP = PerWheel(*(Grip(1.0, 1.0),) * 4)
-
-
-def scale_tyre(grip: Grip):
-    """Return the tyre of the model with scaled friction."""
-    tyre = vehicle().tire
-    factors = {'p_dx1': grip.x, 'p_dy1': grip.y, 'p_vy1': grip.y, 'p_vy3': grip.y}
-    return replace(tyre, **{name: factor * getattr(tyre, name) for name, factor in factors.items()})
-
-
-def evaluate_model(b: Body, steer_rate, acceleration, grips: PerWheel = FULL_GRIP):
-    """Return the derivative of the 29 states, and the variables of the model, on symbols."""
-    parameters = _TyrePerWheel(vehicle(), [scale_tyre(grip) for grip in grips])
-    x = named_vector.leaves(b)
-    f, variables = symbolic.evaluate(
-        vehicle_dynamics_mb, (x, [steer_rate, acceleration], parameters), (_PACKAGE,)
+    grips: factors of the longitudinal and of the lateral friction of each tyre.
+    """
+    tyre, tyres = vehicle().tire, []
+    for grip_x, grip_y in grips:
+        factors = {'p_dx1': grip_x, 'p_dy1': grip_y, 'p_vy1': grip_y, 'p_vy3': grip_y}
+        scaled = {name: factor * getattr(tyre, name) for name, factor in factors.items()}
+        tyres.append(replace(tyre, **scaled))
+    arguments = (
+        named_vector.leaves(b),
+        [steer_rate, acceleration],
+        _TyrePerWheel(vehicle(), tyres),
     )
+    f, variables = symbolic.evaluate(vehicle_dynamics_mb, arguments, (_PACKAGE,))
     return named_vector.build(Body, f), variables
 
 
 def derivative(
     x: MultiBodyState, u: SetPoints, plant: PlantParams, friction: PerWheel
-) -> tuple[MultiBodyState, Row]:
+) -> tuple[MultiBodyState, tuple[State, Outputs]]:
     """Return the derivative of the state, and the row of a trajectory; see `integrator.Model`."""
     p, b, servos = vehicle(), x.body, x.servos
     force = servos.front.position + servos.rear.position
@@ -177,7 +162,7 @@ def derivative(
     acceleration = ca.if_else(holds, 0, force / p.m)
     front, rear = plant.car.scaling.front, plant.car.scaling.rear
     factors = zip(friction, (front, front, rear, rear))
-    grips = PerWheel(*(Grip(mu * axle.LMUX, mu * axle.LMUY) for mu, axle in factors))
+    grips = [(mu * axle.LMUX, mu * axle.LMUY) for mu, axle in factors]
     rolling_dot, variables = evaluate_model(b, -servos.steer.rate, acceleration, grips)
     sliding_dot, sliding_forces = _slide(b, -servos.steer.rate, grips)
     pairs = zip(named_vector.leaves(sliding_dot), named_vector.leaves(rolling_dot), strict=True)
@@ -212,27 +197,20 @@ def project(x: MultiBodyState, car) -> MultiBodyState:
     return MultiBodyState(body, servos, slides)
 
 
-def corners() -> tuple[tuple[float, float], ...]:
-    """Return the positions (x, y) of the wheels [m], y to the right, in the order of WHEELS."""
+def _contacts(b):
+    """Yield position (x, y) [m], velocity (Vx, Vy) and angle of each wheel; y to the right."""
     p = vehicle()
-    front, rear = ((p.a, p.T_f / 2), (-p.b, p.T_r / 2))
-    return tuple((x, side * y) for x, y in (front, rear) for side in (-1, 1))
-
-
-def _contact_velocities(b):
-    return [(b.vx - y * b.r, b.vy + x * b.r) for x, y in corners()]
-
-
-def _angles(b):
-    return (b.delta, b.delta, 0, 0)
+    for x, y, angle in ((p.a, p.T_f / 2, b.delta), (-p.b, p.T_r / 2, 0)):
+        for side in (-1, 1):
+            yield x, side * y, b.vx - side * y * b.r, b.vy + x * b.r, angle
 
 
 def _within_domain(b):
     speed = ca.sqrt(b.vx**2 + b.vy**2)
     least = _LEAST_ROLLING_MPS + _LEAST_ROLLING_S * speed
     rolling = b.vx >= _KINEMATIC_MPS
-    for velocity, angle in zip(_contact_velocities(b), _angles(b)):
-        rolling = ca.logic_and(rolling, contact_motion(*velocity, angle, 0, 0).Vx > least)
+    for _, _, Vx, Vy, angle in _contacts(b):
+        rolling = ca.logic_and(rolling, contact_motion(Vx, Vy, angle, 0, 0).Vx > least)
     across = ca.fabs(b.vy) + ca.fabs(b.r)  # of a point a metre away
     slow = ca.logic_and(ca.fabs(b.vx) < _KINEMATIC_MPS, across < _SLOW_MPS)
     upright = 1
@@ -252,9 +230,8 @@ def _slide(b, steer_rate, grips):
     """Return the derivative of a car that slides on locked wheels, and its forces per wheel."""
     p, peak = vehicle(), vehicle().tire.p_dy1
     forces, (Fx, Fy, Mz) = [], (0, 0, 0)
-    contacts = zip(corners(), _contact_velocities(b), grips, static_loads())
-    for (x, y), (Vx, Vy), grip, load in contacts:
-        per_speed = grip.y * peak * load / ca.sqrt(Vx**2 + Vy**2 + _SMOOTH_MPS**2)
+    for (x, y, Vx, Vy, _), (_, grip), load in zip(_contacts(b), grips, static_loads()):
+        per_speed = grip * peak * load / ca.sqrt(Vx**2 + Vy**2 + _SMOOTH_MPS**2)
         fx, fy = -per_speed * Vx, -per_speed * Vy
         Fx, Fy, Mz = Fx + fx, Fy + fy, Mz + x * fy - y * fx
         forces.append((fx, fy))
@@ -279,14 +256,14 @@ def _row(x, dot, variables, force, sliding_forces):
     dot: derivative of the body; force: of both axles [N], within the limits of the model.
     """
     p, b, planar = vehicle(), x.body, x.planar
-    loads, wheels = [], []
+    loads, wheels, contacts = [], [], list(_contacts(b))
     brake, drive = ca.fmin(force, 0), ca.fmax(force, 0)
     shares = ((p.T_sb, p.T_se), (1 - p.T_sb, 1 - p.T_se))
     axles = ((b.front, p.T_f), (b.rear, p.T_r))
     at_rest = static_loads()
     for i, suffix in enumerate(_SUFFIXES):
         (axle, track), side = axles[i // 2], (1, -1)[i % 2]
-        angle = _angles(b)[i]
+        angle = contacts[i][-1]
         c, s = ca.cos(angle), ca.sin(angle)
         fx, fy = sliding_forces[i]
         name = suffix.upper()
@@ -319,7 +296,7 @@ def _row(x, dot, variables, force, sliding_forces):
     ride = Ride(-b.z, -b.vz, b.phi, b.p, -b.theta, -b.q)
     state = State(planar, ride, FourWheels(*wheels), Servos(x.servos.steer, *servos))
     acceleration = Acceleration(dot.vx - b.r * b.vy, -(dot.vy + b.r * b.vx))
-    return Row(state, Outputs(acceleration, FourLoads(*loads)))
+    return state, Outputs(acceleration, FourLoads(*loads))
 
 
 def start(params: PlantParams, start: Start) -> np.ndarray:
@@ -327,7 +304,7 @@ def start(params: PlantParams, start: Start) -> np.ndarray:
     speed, beta = math.hypot(start.speed, start.vy), math.atan2(start.vy, start.speed)
     initial = [start.X, -start.Y, 0.0, speed, -start.psi, -start.r, -beta]
     b = named_vector.build(Body, init_mb(initial, vehicle()))
-    spins = [max(Vx, 0.0) / vehicle().R_w for Vx, _ in _contact_velocities(b)]
+    spins = [max(Vx, 0.0) / vehicle().R_w for _, _, Vx, _, _ in _contacts(b)]
     at_rest = Servos(*(Servo(0.0, 0.0),) * len(Servos._fields))
     x = MultiBodyState(b._replace(omega=PerWheel(*spins)), at_rest, 0.0)
     return np.array(named_vector.leaves(x), float)
