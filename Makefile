@@ -129,7 +129,7 @@ SAFE := */gate.py,*/fallback.py,*/braking.py,*/last_resort.py,*/recovery.py,*/in
 SAFE_TESTS := $(foreach name,gate fallback braking last_resort recovery internal_errors parallel_solves \
     watchdog,tests/mpcc_controller/driving/test_$(name).py) \
   tests/mpcc_controller/test_run_time_parameters.py tests/mpcc_controller/model/test_car_file.py \
-  $(foreach name,gate gate_friction stepping plant_health,tests/vehicle_plant/test_$(name).py) \
+  $(foreach name,gate stepping,tests/vehicle_plant/test_$(name).py) \
   tests/node_runtime/test_input_monitor.py tests/node_runtime/test_clocks.py
 COVER_SAFE := $(BIN)/python -m coverage run --branch --include='$(SAFE)' -m pytest -q $(SAFE_TESTS) && \
   $(BIN)/python -m coverage report --fail-under=100
