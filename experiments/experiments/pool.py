@@ -110,8 +110,7 @@ class Pool:
         self._stack.close()
 
     def _leave(self):
-        if self.address:
-            # in a thread: a dask worker that does not answer must not hold up Ctrl-C
+        if self.address:  # in a thread: one that does not answer must not hold up Ctrl-C
             telling = threading.Thread(target=self._end_far_processes, daemon=True)
             telling.start()
             telling.join(LEAVE_S + POLL_S)
@@ -285,11 +284,10 @@ class TaskProcess:
     @property
     def is_alive(self) -> bool:
         """Whether it has not ended."""
-        if self._popen.returncode is not None:
-            return False
-        # without taking its exit status: its number stays its own until `end`
-        how = os.WEXITED | os.WNOHANG | os.WNOWAIT
-        return os.waitid(os.P_PID, self._popen.pid, how) is None
+        how = os.WEXITED | os.WNOHANG | os.WNOWAIT  # its number stays its own until `end`
+        with contextlib.suppress(ChildProcessError):  # another thread ends it
+            return self._popen.returncode is None and not os.waitid(os.P_PID, self._popen.pid, how)
+        return False
 
     def begin(self, task: bytes) -> None:
         """Begin a task, a pickled function with its arguments. Raises OSError when it has ended."""
