@@ -112,7 +112,7 @@ PYTEST := $(BIN)/python -m pytest
 PARALLEL = $(PYTEST) --numprocesses $(WORKERS) --maxprocesses 8 --dist loadscope \
   --no-loadscope-reorder --durations 20
 
-# a ring, a restart, and a recording that is played and recorded again
+# a ring over DDS, nodes in one process, and a recording that is played and recorded again
 SMOKE := tests/ros tests/bags/storage
 
 test: setup $(VENV)/.tests

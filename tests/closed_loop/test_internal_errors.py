@@ -234,6 +234,7 @@ def inject(name, chosen):
     return [fault for fault in faults if fault]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', CONTROLLERS)
 def test_some_function_of_a_tick_raises_and_the_car_stays_on_the_road(failures, name):
     every, seed = failures(name), commit_seed.seed(SEED)

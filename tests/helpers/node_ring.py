@@ -373,7 +373,7 @@ class NodeRing:
             why.values['rung'] == 'solved' for why in self.whys[-count:]
         )
 
-    def spin_until(self, condition: Callable[[], bool], most: int = 500_000) -> None:
+    def spin_until(self, condition: Callable[[], bool], most: int = 200_000) -> None:
         """Let time go on until a condition is true; AssertionError where it does not become so."""
         for _ in range(most):
             if condition():

@@ -23,7 +23,7 @@ from node_runtime.parameters import ParameterError
 from scenario_publisher import scenario
 from vehicle_plant import parameters
 
-pytestmark = pytest.mark.usefixtures('dds')
+pytestmark = [pytest.mark.smoke, pytest.mark.usefixtures('dds')]
 SHORT = {'stop.x_m': 8.0, 'stop.armed_after_m': 1.0}  # half a second of driving
 WHY = '/controller/why'
 TICK_NS = 50_000_000
@@ -39,6 +39,7 @@ MULTI_BODY = {
     ('name', 'settings'),
     [
         pytest.param('double_lane_change', {}, id='double track'),
+        pytest.param('moving_obstacle', {}, id='moving obstacle'),
         # friction patches reach the plant by another path than everything else
         pytest.param('split_mu', {}, id='patches'),
         pytest.param('double_lane_change', MULTI_BODY, id='multi-body'),

@@ -63,7 +63,6 @@ def stop(graph):
     return graph.stop_recording()
 
 
-@pytest.mark.smoke
 def test_in_lockstep_nodes_started_again_drive_on(highway, tmp_path, domain):
     with NodeGraph(tmp_path, domain, 'lockstep', highway, **HOLDS) as graph, Manager(domain) as ear:
         graph.start(*ROLES)
