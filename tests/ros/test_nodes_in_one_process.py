@@ -19,6 +19,7 @@ from experiments.replay import check, recorded_ticks
 from mpcc_controller import run_time_parameters
 from msgs_yaml import conformance
 from node_runtime import parameters as yaml_parameters
+from node_runtime.node_parameters import READ_ONLY
 from node_runtime.parameters import ParameterError
 from scenario_publisher import scenario
 from vehicle_plant import parameters
@@ -132,9 +133,10 @@ def test_every_parameter_is_described_and_what_is_read_at_the_start_stays(tmp_pa
                 assert descriptor.description, name
                 assert descriptor.read_only == (name not in changeable), name
                 if name not in changeable:
-                    (result,) = node.set_parameters([Parameter(name, value=value)])
+                    # as the service does it
+                    result = node.set_parameters_atomically([Parameter(name, value=value)])
                     assert not result.successful, name
-                    assert 'read-only' in result.reason, name
+                    assert result.reason == READ_ONLY.format(name)
                     assert repr(node.get_parameter(name).value) == repr(before), name
 
 
