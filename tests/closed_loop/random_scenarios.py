@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
+from experiments.families import draw as families
 from scenario_publisher import scenario
-from scenario_publisher.families import draw as families
 from scenario_publisher.scenario import ScenarioError, Start
 
 # libyaml is a hundred times faster than Python, but is not everywhere

@@ -8,10 +8,10 @@ import yaml
 from driven_setups import driven
 
 from experiments import simulation
+from experiments.families import scenario_document
+from experiments.families.scenario_document import CAR_DISCS, CAR_RADIUS, LANE
 from mpcc_controller.path import reference_path
 from scenario_publisher import scenario
-from scenario_publisher.families import scenario_document
-from scenario_publisher.families.scenario_document import CAR_DISCS, CAR_RADIUS, LANE
 
 ROAD = {
     'centre_line': {

@@ -14,8 +14,8 @@ from scipy import stats
 
 from experiments import cli, drive_row
 from experiments.drive_row import Row
+from experiments.families import draw
 from experiments.row_runner import TABLE
-from scenario_publisher.families import draw
 
 CONTROLLER = 'mpcc_road'
 SEED, DRAWS, MOST_LOST = 4000, 10, 1
