@@ -2,16 +2,16 @@
 # make test      what a change is to pass: all tests that need no DDS, a smoke test of the nodes
 # make check     what the continuous integration runs: lint, site, tests, of pages those that changed
 # make budget    lines, files and megabytes: are they within .ci/budget.txt?
-# make nightly   2,000 fresh emergencies, exceptions in a tick, every page and build (two hours)
+# make nightly   2,000 fresh emergencies, exceptions in a tick, faults of processes, every page and build
 # make paper     both experiments of the paper, driven and drawn, into paper/
 # make study     the published shares of the study over many settings, from its rows
 # make setup     .venv with what driving needs; our packages run from their source: edits count at once
 # make studies   what tuning, batches and studies need, too
 # make bench     benchmarks as tables
 # make realtime  ten thousand ticks on the wall clock, twice: 20 Hz without, with priority? (22 minutes)
-# make faults    every fault of the fault suite, into build/faults; goes on where it was interrupted
+# make faults    every fault of the fault suite; logs and bags into build/faults
 # make soak      an hour of simulated time, ten minutes of the wall clock: does anything grow?
-# make repeat    tests/ros/test_node_graph.py fifty times, every other test under tests/ros ten times
+# make repeat    the tests over DDS ten times, until one fails (TIMES=50: so many times)
 # make golden    the recordings that replay-check holds every change against
 # make coverage  is every line of gates, ladder, watchdogs and braking run by its tests?
 # make coverage_whole  how many lines of all packages are run by all tests? (half an hour)
@@ -111,7 +111,8 @@ PYTEST := $(BIN)/python -m pytest
 PARALLEL = $(PYTEST) --numprocesses $(WORKERS) --maxprocesses 8 --dist loadscope \
   --no-loadscope-reorder --durations 20
 
-# of the tests over Fast DDS a ring, a restart, and a recording that is played and recorded again
+# of the tests over Fast DDS a ring, nodes in one process, and a recording that is played and
+# recorded again
 test: setup $(VENV)/.tests
 	$(PARALLEL) -m '(smoke or not (ros or slow or site or nightly)) and not alone'
 
@@ -168,8 +169,8 @@ side_by_side: setup $(VENV)/.tests
 # with all pages, notebooks, wheels and builds
 nightly: setup $(VENV)/.tests
 	failed=0; \
-	  $(BIN)/python tests/closed_loop/nightly_survival.py --out build/nightly || failed=1; \
-	  $(PARALLEL) -m 'nightly or reads' || failed=1; \
+	  $(PYTEST) -m nightly tests/faults tests/ros || failed=1; \
+	  $(PARALLEL) -m 'nightly or reads' --ignore=tests/faults --ignore=tests/ros || failed=1; \
 	  exit $$failed
 
 bench: setup $(VENV)/.tests
@@ -184,14 +185,15 @@ realtime: setup $(VENV)/.tests
 	  $(BIN)/python bench/realtime.py --fifo || failed=1; exit $$failed
 
 faults: setup $(VENV)/.tests
-	$(BIN)/python tests/faults/suite.py --out build/faults
+	$(PYTEST) tests/faults --basetemp=build/faults -o tmp_path_retention_policy=all
 
 soak: setup $(VENV)/.tests
 	$(BIN)/python bench/soak.py
 	$(BIN)/python bench/soak.py --mode realtime --minutes 10
 
+TIMES ?= 10
 repeat: setup $(VENV)/.tests
-	PYTHON=$(BIN)/python tests/ros/repeat.sh
+	for k in $$(seq $(TIMES)); do $(PYTEST) -q -m 'ros and not nightly' tests/ros tests/faults; done
 
 paper: setup
 	@$(BIN)/experiments paper

@@ -2,34 +2,20 @@
 
 import numpy as np
 import pytest
+from driven_setups import driven
+from node_graph import note_run
+from node_ring import NodeRing
 
-from bags.evaluation.drive import LOCKSTEP, drive_from_columns
-from bags.evaluation.metrics import compute_metrics
-from bags.storage import message_filing, read
-from bags.storage.bag_writer import BagWriter
 from experiments import simulation
 from experiments.replay import check
 from mpcc_controller.driving.actuator_monitor import FAULT
 from mpcc_controller.driving.controller import Controller
-from msgs_yaml import contract, encode
 from msgs_yaml.conversions import NS_PER_S
-from msgs_yaml.types import Actuators, Command, VehicleState
-from node_runtime import ros
+from vehicle_plant import plant_node
 from vehicle_plant.simulator import START_NS, Simulator
 
 TICK_S = 0.05
 DOUBLE = 'double_lane_change'
-# what a replay reads
-ENCODED = {
-    '/scenario/reference': (None, encode.reference),
-    '/scenario/road_edges': (None, encode.road_edges),
-    '/scenario/obstacles': (None, encode.obstacles),
-    '/vehicle/odometry': (VehicleState, encode.odometry),
-    '/vehicle/actuators': (Actuators, encode.actuators),
-    '/controller/command': (Command, encode.command),
-    '/controller/prediction': (None, encode.prediction),
-    '/controller/why': (None, encode.why),
-}
 NOISE = {
     'measurement_errors.position_noise_m': 0.05,
     'measurement_errors.speed_noise_mps': 0.1,
@@ -40,49 +26,42 @@ CONTROLLERS = ('mpcc', 'mpcc_no_ca', 'frenet', 'tracking', 'mpcc_comfort', 'mpcc
 # locked wheels: the controllers do not know that the road is slippery
 NOMINAL = [
     *((DOUBLE, controller, {}) for controller in CONTROLLERS),
-    *((DOUBLE, 'mpcc_road', {'plant': {'command_delay_ms': delay}}) for delay in (20, 60)),
+    (DOUBLE, 'mpcc_road', {'plant': {'command_delay_ms': 60}}),
     (
         DOUBLE,
         'mpcc_road',
         {'plant': {'command_delay_ms': 200}, 'controller': {'delay.command_s': 0.2}},
     ),
     (DOUBLE, 'mpcc', {'plant': {'friction': 0.4}}),
-    *(('pop_up', controller, {'controller': NOISE}) for controller in ('mpcc', 'mpcc_road')),
-    *((scene, 'mpcc_road', {}) for scene in ('split_mu_obstacle', 'stop_and_go', 'cut_in')),
+    ('pop_up', 'mpcc_road', {'controller': NOISE}),
+    *((scene, 'mpcc_road', {}) for scene in ('split_mu_obstacle', 'stop_and_go')),
     ('low_mu_obstacle', 'mpcc', {}),
 ]
 
 
-@pytest.fixture
-def drive_with(monkeypatch):
-    """Return drive(scenario, controller, change, from_s, to_s, end_s) -> setup and columns.
+@pytest.mark.parametrize(('scenario', 'controller', 'settings'), NOMINAL)
+def test_nothing_is_reported_of_actuators_that_only_lag(drive, scenario, controller, settings):
+    reports = drive(scenario, controller, settings).reports
+    assert not any(report.get(FAULT) for report in reports)
+    assert max(abs(report['actuators.steer_error_rad']) for report in reports) < 0.005
 
-    `change` turns a command into what the actuators are told from one time to another; its second
-    argument is where they were when that began.
+
+def faulty(change, from_s, to_s=np.inf):
+    """Return a plant whose actuators get commands that `change` has changed for a while.
+
+    Its second argument is where they were when that began.
     """
 
-    def drive(scenario, controller, change, from_s=0.0, to_s=np.inf, end_s=np.inf):
-        class Faulty(Simulator):
-            held = None
+    class Faulty(Simulator):
+        held = None
 
-            def command(self, command):
-                if from_s <= seconds(self) < to_s:
-                    self.held = self.held or self.actuators
-                    command = change(command, self.held)
-                return super().command(command)
+        def command(self, command):
+            if from_s <= (self.stamp_ns - START_NS) / NS_PER_S < to_s:
+                self.held = self.held or self.actuators
+                command = change(command, self.held)
+            return super().command(command)
 
-        monkeypatch.setattr(simulation, 'Simulator', Faulty)
-        setup = simulation.prepare(scenario, controller)
-        stop = setup.scn.stop
-        stop = stop._replace(time=min(stop.time, end_s))
-        setup = setup._replace(scn=setup.scn._replace(stop=stop))
-        return setup, simulation.run(setup)
-
-    return drive
-
-
-def seconds(stamped):
-    return (stamped.stamp_ns - START_NS) / NS_PER_S
+    return Faulty
 
 
 def sticking(command, held):
@@ -98,103 +77,73 @@ def driver_brakes(command, _):
     return command._replace(Fxf=min(command.Fxf, -4000.0), Fxr=min(command.Fxr, -2000.0))
 
 
-def faults(columns):
+def drive_faulty(monkeypatch, scenario, controller, *fault, end_s=np.inf):
+    """Return the Driven of a car with a fault of its actuators."""
+    monkeypatch.setattr(simulation, 'Simulator', faulty(*fault))
+    setup = simulation.prepare(scenario, controller)
+    stop = setup.scn.stop._replace(time=min(setup.scn.stop.time, end_s))
+    return driven(setup._replace(scn=setup.scn._replace(stop=stop)), explain=True)
+
+
+def faults(driven):
     """Return the fault of every tick, '' for none."""
-    return [why.values.get(FAULT, '') for why in columns['/controller/why'].values]
-
-
-def first_s(columns, fault):
-    """Return when a fault was reported first, after the start."""
-    return TICK_S * faults(columns).index(fault)
-
-
-def verdict(setup, columns):
-    info = simulation.run_info(setup)
-    return compute_metrics(drive_from_columns(columns, info, setup.controller))
-
-
-@pytest.mark.parametrize(('scenario', 'controller', 'settings'), NOMINAL)
-def test_nothing_is_reported_of_actuators_that_only_lag(scenario, controller, settings):
-    columns = simulation.run(simulation.prepare(scenario, controller, settings), explain=False)
-    assert not any(faults(columns))
-    errors = [why.values['actuators.steer_error_rad'] for why in columns['/controller/why'].values]
-    assert max(map(abs, errors)) < 0.005
+    return [report.get(FAULT, '') for report in driven.reports]
 
 
 @pytest.mark.parametrize(
-    ('scenario', 'controller', 'begins_s'),
-    [(DOUBLE, 'mpcc', 2.5), (DOUBLE, 'mpcc_road', 2.5), ('pop_up', 'mpcc_road', 3.0)],
+    ('scenario', 'controller', 'begins_s'), [(DOUBLE, 'mpcc', 2.5), ('pop_up', 'mpcc_road', 3.0)]
 )
 def test_a_sticking_steering_is_reported_and_planned_with(
-    drive_with, scenario, controller, begins_s
+    monkeypatch, scenario, controller, begins_s
 ):
-    _, columns = drive_with(scenario, controller, sticking, begins_s, end_s=begins_s + 1.5)
-    assert first_s(columns, 'steer') <= begins_s + 0.5
-    assert first_s(columns, 'steer') > begins_s
-    actuators = columns['/vehicle/actuators']
-    reports = [why for why in columns['/controller/why'].values if FAULT in why.values]
+    end_s = begins_s + 1.5
+    stuck = drive_faulty(monkeypatch, scenario, controller, sticking, begins_s, end_s=end_s)
+    assert begins_s < TICK_S * faults(stuck).index('steer') <= begins_s + 0.5
+    actuators = stuck.columns['/vehicle/actuators']
     steer_of = dict(zip(actuators.stamp_ns.tolist(), actuators.steer_rad.tolist()))
-    planned = [why for why in reports if 'set_point.delta' in why.values]
+    planned = [
+        why
+        for why in stuck.columns['/controller/why'].values
+        if FAULT in why.values and 'set_point.delta' in why.values
+    ]
     assert len(planned) > 15
     for why in planned:
         assert why.values['set_point.delta'] == steer_of[why.stamp_ns]
 
 
-def test_the_report_ends_when_the_steering_comes_free(drive_with):
-    setup, columns = drive_with('pop_up', 'mpcc_road', sticking, 2.0, 2.6)
-    reported = faults(columns)
-    assert 'steer' in reported
-    assert not any(reported[int(4.0 / TICK_S) :])
-    assert verdict(setup, columns)['survived']
+def test_the_report_ends_when_the_steering_comes_free(monkeypatch):
+    freed = drive_faulty(monkeypatch, 'pop_up', 'mpcc_road', sticking, 2.0, 2.6)
+    assert 'steer' in faults(freed)
+    assert not any(faults(freed)[int(4.0 / TICK_S) :])
+    assert freed.metrics['survived']
 
 
 @pytest.mark.parametrize(
-    ('scenario', 'change', 'from_s', 'to_s'),
-    [('closed_road', weak_brakes, 0.0, np.inf), (DOUBLE, driver_brakes, 2.0, 3.0)],
+    ('scenario', 'fault'),
+    [('closed_road', (weak_brakes, 0.0)), (DOUBLE, (driver_brakes, 2.0, 3.0))],
 )
-def test_it_survives_what_it_does_not_survive_without_comparing(
-    drive_with, monkeypatch, scenario, change, from_s, to_s
-):
-    setup, columns = drive_with(scenario, 'mpcc', change, from_s, to_s)
-    assert 'force' in faults(columns)
-    assert verdict(setup, columns)['survived']
+def test_it_survives_what_it_does_not_survive_without_comparing(monkeypatch, scenario, fault):
+    comparing = drive_faulty(monkeypatch, scenario, 'mpcc', *fault)
+    assert 'force' in faults(comparing)
+    assert comparing.metrics['survived']
     step = Controller.step
     monkeypatch.setattr(Controller, 'step', lambda self, x: step(self, x._replace(actuators=None)))
-    setup, columns = drive_with(scenario, 'mpcc', change, from_s, to_s)
-    assert not any(faults(columns))
-    assert not verdict(setup, columns)['survived']
+    blind = drive_faulty(monkeypatch, scenario, 'mpcc', *fault)
+    assert not any(faults(blind))
+    assert not blind.metrics['survived']
 
 
-def test_a_drive_with_a_fault_is_answered_by_a_replay_as_it_was(drive_with, tmp_path):
-    setup, columns = drive_with('pop_up', 'mpcc_road', sticking, 3.0, end_s=4.5)
-    bag = read.load(write_bag(tmp_path / 'bag', setup, columns))
-    report = check.check(bag, {})
-    assert report.repeatable == len(report.ticks) == len(columns['/controller/why'].values)
-    reported = [FAULT in one.tick.why.values for one in report.ticks]
+@pytest.mark.usefixtures('dds')
+def test_a_drive_with_a_fault_is_answered_by_a_replay_as_it_was(monkeypatch, tmp_path):
+    monkeypatch.setattr(plant_node, 'Simulator', faulty(sticking, 2.5))
+    ring = NodeRing(tmp_path, 'lockstep', DOUBLE, plant={'stop.time_s': 4.0})
+    note_run(ring.configured, tmp_path, DOUBLE)
+    with ring:
+        report = check.check(ring.finish(), {})
+    assert report.repeatable == len(report.ticks) == len(ring.whys)
+    reported = [FAULT in tick.tick.why.values for tick in report.ticks]
     assert 15 < sum(reported) < len(reported)
     # a heading that becomes a quaternion for the second time is rounded
     assert not report.failures
-    compared = [pair for one in report.ticks for pair in one.pairs if pair.field == FAULT]
+    compared = [pair for tick in report.ticks for pair in tick.pairs if pair.field == FAULT]
     assert [pair.replayed for pair in compared] == ['steer'] * sum(reported)
-
-
-def without_time(table):
-    """Return the columns of a table but for the time in s, with whole stamps."""
-    stamp_ns, _, *others = table
-    return stamp_ns.tolist(), *others
-
-
-def write_bag(folder, setup, columns):
-    """Write a bag of a drive in process, as a recording in lockstep."""
-    topics = message_filing.bag_topics(contract.load(), LOCKSTEP)
-    info = simulation.run_info(setup) | {'mode': LOCKSTEP}
-    bag = BagWriter(folder, topics, {'run': info})
-    index = {topic.name: i for i, topic in enumerate(topics)}
-    for name, (kind, encoded) in ENCODED.items():
-        table = columns[name]
-        rows = table.values if kind is None else map(kind, *without_time(table))
-        for value in rows:
-            data = ros.serialize(encoded(value))
-            bag.write(index[name], value.stamp_ns, value.stamp_ns, data)
-    bag.close()
-    return folder

@@ -19,17 +19,11 @@ from typing import NamedTuple
 import commit_seed
 import numpy as np
 import pytest
+from driven_setups import Loop
 
-from experiments.configuration import inputs
+from experiments import simulation
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.internal_errors import INTERNAL_ERROR
-from mpcc_controller.driving.records import TickInputs
-from msgs_yaml import conversions as as_received
-from msgs_yaml.conversions import NS_PER_S
-from scenario_publisher import scenario
-from vehicle_plant.initial_state import Start
-from vehicle_plant.run_end import RunEnd
-from vehicle_plant.simulator import TICK_STEPS, Simulator
 
 PACKAGES = ('mpcc_controller', 'stage_solver', 'msgs_yaml', 'node_runtime')
 CONTROLLERS = ('mpcc_road', 'mpcc')
@@ -42,32 +36,9 @@ INJECTED = 'injected'
 ENTRIES = ('step', 'report', 'prepare')  # of the controller: where exceptions are caught
 
 
-class Loop:
-    """Controller and plant in the double lane change, tick by tick."""
-
-    def __init__(self, simulated, name):
-        scn, params, vehicle = simulated.parts('double_lane_change', name)
-        self.scn, self.params = scn, params
-        self.car = Simulator(simulated.plant, scn.friction, Start(*scn.start))
-        self.end, self.outcome = RunEnd(inputs.stop_params(scn), self.car.now), None
-        self.controller = Controller(params, vehicle)
-        self.controller.reset(self.car.actuators)
-        self.controller.set_reference(as_received.reference_as_received(scn.reference))
-        self.controller.set_edges(scn.edges)
-        self.records, self.states = [], []
-
-    def tick(self, watched):
-        """Answer the state, with the calls of the controller inside `watched`."""
-        x = as_received.odometry_as_received(self.car.state)
-        t = (self.car.stamp_ns - self.scn.reference.stamp_ns) / NS_PER_S
-        self.controller.set_obstacles(scenario.obstacles_at(self.scn, t, self.car.stamp_ns))
-        with watched:
-            record = self.controller.step(TickInputs(x))
-            self.controller.report(record)
-            self.controller.prepare()
-        self.records.append(record)
-        self.states.append(x)
-        self.outcome = self.end.check(self.car.advance(record.command, TICK_STEPS))
+def loop_of(name):
+    setup = simulation.prepare('double_lane_change', name)
+    return Loop(setup, Controller(setup.params, setup.vehicle))
 
 
 class Failure(NamedTuple):
@@ -210,13 +181,13 @@ def one_processor():
 
 
 @pytest.fixture(scope='module')
-def failures(simulated, one_processor):
+def failures(one_processor):
     """Return a function that gives every failure of a controller, in the order of their ticks."""
 
     @cache
     def find(name):
-        Loop(simulated, name).tick(nullcontext())  # what a process does once, it has done
-        loop, calls = Loop(simulated, name), {}
+        loop_of(name).tick()  # what a process does once, it has done
+        loop, calls = loop_of(name), {}
         while not loop.outcome:
             loop.tick(tracing(calls, len(loop.records)))
         assert all(record.decision.plan is not None for record in loop.records)
@@ -252,30 +223,31 @@ def judge(loop, failure, result):
     return f'{failure}: {text}: {result}' if text else ''
 
 
-def inject(simulated, name, chosen):
+def inject(name, chosen):
     """Return what is wrong after each of the chosen failures, in the order of their ticks."""
-    loop, faults = Loop(simulated, name), []
+    loop, faults = loop_of(name), []
     for failure in chosen:
         while len(loop.records) < failure.tick:
-            loop.tick(nullcontext())
+            loop.tick()
         result = in_a_fork(partial(drive_with, loop, failure))
         faults.append(judge(loop, failure, result))
     return [fault for fault in faults if fault]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', CONTROLLERS)
-def test_some_function_of_a_tick_raises_and_the_car_stays_on_the_road(failures, simulated, name):
+def test_some_function_of_a_tick_raises_and_the_car_stays_on_the_road(failures, name):
     every, seed = failures(name), commit_seed.seed(SEED)
     print(f'{SAMPLE} of {len(every)} failures; {SEED}={seed} repeats them')
     chosen = sorted(random.Random(seed).sample(range(len(every)), SAMPLE))
-    assert inject(simulated, name, [every[i] for i in chosen]) == []
+    assert inject(name, [every[i] for i in chosen]) == []
 
 
 @pytest.mark.nightly
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize('name', CONTROLLERS)
-def test_every_function_of_a_tick_raises_and_the_car_stays_on_the_road(failures, simulated, name):
+def test_every_function_of_a_tick_raises_and_the_car_stays_on_the_road(failures, name):
     every = failures(name)
     print(f'{len(every)} failures')
     assert len(every) > 200
-    assert inject(simulated, name, every) == []
+    assert inject(name, every) == []

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from bags.evaluation import frame_distances
+from experiments import simulation
 from mpcc_controller.model.single_track import State
 from mpcc_controller.path import reference_path, road_edges
 from mpcc_controller.path.distance import CENTRE_ROUNDING
@@ -32,9 +33,10 @@ def on_path(s):
     )
 
 
-def distances(simulated, controller, states, inside, rules=None):
+def distances(controller, states, inside, rules=None):
     """Return D_V2O [m] of the only obstacle at states on the path, as the controller sees it."""
-    scn, params, vehicle = simulated.parts('circle_20m', controller)
+    setup = simulation.prepare('circle_20m', controller)
+    scn, params = setup.scn, setup.params
     if rules:
         rules = dataclasses.replace(params.formulation, **rules)
         params = dataclasses.replace(params, formulation=rules)
@@ -44,7 +46,7 @@ def distances(simulated, controller, states, inside, rules=None):
     obstacles = scenario.obstacles_at(scn, 0.0, 0)._replace(items=(spot,))
     path = reference_path.build(ring_values.reference_as_received(scn.reference))
     scene = Scene(path, road_edges.build(scn.edges), obstacles)
-    form = formulation.make(params, stage_parameters.car(params, vehicle))
+    form = formulation.make(params, stage_parameters.car(params, setup.vehicle))
     plan = form.to_local(Plan(states, np.zeros((len(states) - 1, 4))), path)
     numbers = form.stage_parameters(scene, states)
     found = []
@@ -57,27 +59,17 @@ def distances(simulated, controller, states, inside, rules=None):
     return np.array(found)
 
 
-@pytest.fixture(scope='module')
-def gaps():
-    return np.linspace(-55.0, 20.0, N + 1)
-
-
 @pytest.mark.parametrize('inside', [1.0, -1.0])
-def test_the_mpcc_sees_the_chord_of_the_circle(simulated, gaps, inside):
-    found = distances(simulated, 'mpcc', on_path(STATION + gaps), inside)
+@pytest.mark.parametrize(
+    ('controller', 'rules', 'frame'),
+    [
+        pytest.param('mpcc', {}, 'cartesian', id='the MPCC sees the chord of the circle'),
+        pytest.param('frenet', {}, 'frenet', id='the baseline sees the path as straight'),
+        pytest.param('mpcc', {'distance': 'path'}, 'frenet', id='an MPCC that measures along it'),
+    ],
+)
+def test_each_controller_sees_the_distance_in_its_own_frame(controller, rules, frame, inside):
+    gaps = np.linspace(-55.0, 20.0, N + 1)
+    seen = distances(controller, on_path(STATION + gaps), inside, rules)
     closed = frame_distances.circle_distances(RADIUS, gaps, inside, 2.1)
-    assert found == pytest.approx(closed.cartesian, abs=1e-9)
-
-
-@pytest.mark.parametrize('inside', [1.0, -1.0])
-def test_the_baseline_sees_the_path_as_straight(simulated, gaps, inside):
-    found = distances(simulated, 'frenet', on_path(STATION + gaps), inside)
-    closed = frame_distances.circle_distances(RADIUS, gaps, inside, 2.1)
-    assert found == pytest.approx(closed.frenet, abs=1e-9)
-
-
-@pytest.mark.parametrize('inside', [1.0, -1.0])
-def test_the_mpcc_that_measures_along_the_path_sees_what_the_baseline_sees(simulated, gaps, inside):
-    found = distances(simulated, 'mpcc', on_path(STATION + gaps), inside, {'distance': 'path'})
-    closed = frame_distances.circle_distances(RADIUS, gaps, inside, 2.1)
-    assert found == pytest.approx(closed.frenet, abs=1e-9)
+    assert seen == pytest.approx(getattr(closed, frame), abs=1e-9)

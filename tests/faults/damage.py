@@ -1,18 +1,27 @@
-"""Damage to messages: functions that change a message in place."""
+"""Damage to messages: what becomes of the bytes of one, now or later.
+
+CHANGES are functions that change a message in place; `make_effect` returns what a relay does.
+"""
 
 import array
 import copy
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
+
+from rclpy.serialization import deserialize_message, serialize_message
 
 WILD = 1e12  # beyond every range of the contract
 WRONG_FRAME = 'somewhere_else'
 LONG_TEXT = 100_000  # characters
 MANY = 100_000  # elements
-MANY_NESTED = 20_000  # elements that contain arrays themselves
+MANY_NESTED = 2_000  # elements that contain arrays themselves
 THOUSAND = 1000
 NS_PER_S = 1_000_000_000
+HUGE_EVERY = 50  # messages: a DDS writer cannot handle more
+
+Sent = list[tuple[float, bytes]]  # what leaves instead of a message: delay [s], bytes
 
 
 def nested_messages(message: Any) -> Iterator[Any]:
@@ -117,3 +126,75 @@ CHANGES: dict[str, Callable[[Any], None]] = {
     'path_kink': bend,
     'path_one_point': keep_first_pose,
 }
+
+
+class Effect:
+    """What a relay sends instead of a message."""
+
+    def __init__(self, change: Callable[[bytes, type], Sent]):
+        self.during = change  # the fault
+
+    def outside(self, raw: bytes, kind: type) -> Sent:
+        """Return what is sent before and after the fault."""
+        return [(0.0, raw)]
+
+
+class Swap(Effect):
+    """Swaps each pair of messages."""
+
+    def __init__(self):
+        super().__init__(self.swapped)
+        self.waiting: bytes | None = None
+
+    def swapped(self, raw: bytes, kind: type) -> Sent:
+        """Return nothing for the first message of a pair, both for the second."""
+        first, self.waiting = self.waiting, None if self.waiting else raw
+        return [(0.0, raw), (0.0, first)] if first else []
+
+    def outside(self, raw: bytes, kind: type) -> Sent:
+        """Return the message, after the one that waits."""
+        first, self.waiting = self.waiting, None
+        return [(0.0, one) for one in (first, raw) if one]
+
+
+class Enlarge(Effect):
+    """Sends a huge message instead of some; it is made once, which takes longer than a tick."""
+
+    def __init__(self, often: bool):
+        super().__init__(self.enlarged)
+        self.every, self.count, self.huge = HUGE_EVERY if often else 1, 0, b''
+
+    def enlarged(self, raw: bytes, kind: type) -> Sent:
+        """Return the huge message, or nothing."""
+        self.huge = self.huge or _changed(enlarge, raw, kind)
+        self.count += 1
+        return [] if self.count % self.every else [(0.0, self.huge)]
+
+
+def make_effect(do: str, delay_s: float = 0.0, shift_s: float = 0.0, rate_hz: float = 0.0):
+    """Return the effect of a word of EFFECTS on a topic of some rate."""
+    if do == 'reorder':
+        return Swap()
+    if do == 'huge':
+        return Enlarge(often=rate_hz > 100.0)
+    changes = {
+        'delay': lambda raw, kind: [(delay_s, raw)],
+        'drop': lambda raw, kind: [],
+        'duplicate': lambda raw, kind: 2 * [(0.0, raw)],
+        'torn': lambda raw, kind: [(0.0, raw[: len(raw) // 2])],
+        'empty': lambda raw, kind: [(0.0, serialize_message(kind()))],
+        'stamp': lambda raw, kind: [(0.0, _changed(shifted, raw, kind))],
+    }
+    shifted = partial(shift_stamps, shift_s=shift_s)
+    if do in changes:
+        return Effect(changes[do])
+    return Effect(lambda raw, kind: [(0.0, _changed(CHANGES[do], raw, kind))])
+
+
+def _changed(change, raw, kind):
+    message = deserialize_message(raw, kind)
+    change(message)
+    return serialize_message(message)
+
+
+EFFECTS = ('delay', 'drop', 'duplicate', 'torn', 'empty', 'stamp', 'reorder', *CHANGES)

@@ -2,15 +2,9 @@
 
 The clock of the node, by which it judges the age of its inputs, is set to the instant of each tick:
 inputs are as fresh as in a drive however busy the machine is, without waiting for the next tick.
-The time limits of the solvers remain those of the real clock.
 """
 
 import math
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import node_bench
@@ -19,7 +13,7 @@ from node_bench import NodeBench
 from mpcc_controller.driving import fallback
 from msgs_yaml import conformance, decode
 from msgs_yaml.types import Command
-from node_runtime import ros, scheduling
+from node_runtime import ros
 from stage_solver.solution import SOLVED, STOPPED_EARLY
 
 # outcomes of a tick
@@ -32,9 +26,7 @@ LATE_NS = 10**15  # in lockstep: time goes back at each restart
 BACK_NS = 10 * node_bench.TICK_NS
 SILENCE_NS = 300_000_000  # without a state: beyond every limit of its age
 ROUNDING = 1e-6  # relative
-# of valid input until a solve answers; on a busy machine the solver may run out of time
-MAX_RECOVERY_TICKS = {'lockstep': 10, 'realtime': 100}
-PRIORITY = 20  # of SCHED_FIFO, where the user may
+RECOVERY_TICKS = 10  # of valid input until a solve answers
 
 
 class Clock:
@@ -47,20 +39,6 @@ class Clock:
     def advance(self, duration_ns: int) -> None:
         """Set the clock forward."""
         self.instant_ns += duration_ns
-
-
-@contextmanager
-def realtime_priority(mode: str) -> Iterator[None]:
-    """Give this process real-time priority for a test on the wall clock, where the user may."""
-    before = os.sched_getscheduler(0), os.sched_getparam(0)
-    if mode == 'realtime':
-        scheduling.apply(replace(scheduling.DEFAULTS, priority=PRIORITY))
-    try:
-        yield
-    finally:
-        for thread in Path('/proc/self/task').iterdir():
-            with suppress(ProcessLookupError):
-                os.sched_setscheduler(int(thread.name), *before)
 
 
 class ObservedPublisher:
@@ -188,7 +166,7 @@ class Driver:
     def recover(self) -> Answer:
         """Assert that a solve answers valid input again; return that answer."""
         reasons = []
-        for _ in range(MAX_RECOVERY_TICKS[self.bench.mode]):
+        for _ in range(RECOVERY_TICKS):
             stamp_ns = self.next_tick()
             self.send_valid()
             answer = self.look()

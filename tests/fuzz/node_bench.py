@@ -31,6 +31,9 @@ NODES: dict[str, Callable[[], Node]] = {
     'plant': PlantNode,
     'scenario': ScenarioNode,
 }
+OUTPUTS = {'controller': '/controller/command', 'scenario': '/scenario/obstacles'}
+# no solver runs out of time, however busy this machine is
+PATIENT = {'solver.time_limit_s': 10.0, 'solver.patience_s': 10.0}
 LINE = np.array([[0.0, 3.5], [900.0, 3.5]])
 X = np.linspace(0.0, 900.0, 10)
 
@@ -95,24 +98,21 @@ class NodeBench:
 def running(name: str, mode: str) -> Iterator[NodeBench]:
     """Create a node in a ROS domain of its own; destroy it at the end."""
     with domain.reserved({}) as number:
-        rclpy.init(args=['--ros-args', '-p', f'mode:={mode}'], domain_id=number)
+        given = {'mode': mode} | (PATIENT if name == 'controller' else {})
+        arguments = [word for item in given.items() for word in ('-p', '{}:={}'.format(*item))]
+        rclpy.init(args=['--ros-args', *arguments], domain_id=number)
         try:
-            yield from _create(name, mode)
+            listener = rclpy.create_node('listener', start_parameter_services=False)
+            listener.declare_parameter(node_parameters.MODE, mode)
+            outputs = [ros.subscribe(listener, OUTPUTS[name], print)] if name in OUTPUTS else []
+            bench = NodeBench(name, mode, _started(name), listener, outputs)
+            if name == 'controller':
+                bench.node.inputs.newest_actuators = Inbox(bench.node)
+            yield bench
+            bench.node.destroy_node()
+            listener.destroy_node()
         finally:
             rclpy.shutdown()
-
-
-def _create(name, mode):
-    listener = rclpy.create_node('listener', start_parameter_services=False)
-    listener.declare_parameter(node_parameters.MODE, mode)
-    topics = {'controller': '/controller/command', 'scenario': '/scenario/obstacles'}
-    outputs = [ros.subscribe(listener, topics[name], print)] if name in topics else []
-    bench = NodeBench(name, mode, _started(name), listener, outputs)
-    if name == 'controller':
-        bench.node.inputs.newest_actuators = Inbox(bench.node)
-    yield bench
-    bench.node.destroy_node()
-    listener.destroy_node()
 
 
 def _started(name):

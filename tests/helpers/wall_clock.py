@@ -4,7 +4,13 @@ Tests get this module from the fixture `wall_clock`: it marks them as `alone` wh
 set real-time priority.
 """
 
+import contextlib
+import fcntl
+import os
+import tempfile
+from collections.abc import Iterator
 from functools import cache
+from pathlib import Path
 
 # what else is needed is imported late: every session of tests loads this module
 
@@ -12,9 +18,13 @@ from functools import cache
 @cache
 def may_set_priority() -> bool:
     """Return whether the user may set real-time priority."""
-    import stalls
-
-    return stalls.may_set_priority()
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    except PermissionError:
+        return False
+    os.sched_setscheduler(0, *before)
+    return True
 
 
 @cache
@@ -25,11 +35,13 @@ def priorities() -> dict[str, int]:
     return FIFO if may_set_priority() else {}
 
 
-def own_drive():
-    """Return a context in which no other test drives on the wall clock with priority."""
-    import drive_lock
-
-    return drive_lock.hold('realtime')
+@contextlib.contextmanager
+def own_drive() -> Iterator[None]:
+    """Let no other test of this user drive on the wall clock with priority meanwhile."""
+    path = Path(tempfile.gettempdir(), f'drive_on_the_wall_clock_{os.getuid()}.lock')
+    with path.open('w') as handle:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
 
 
 def with_priority(**settings: dict) -> dict[str, dict]:

@@ -1,20 +1,22 @@
 """The node graph, one process per node, for tests that start and end the nodes one by one."""
 
 import contextlib
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import rclpy
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.context import Context
-from rclpy.experimental import EventsExecutor
-from rclpy.task import Future
+from rclpy.executors import SingleThreadedExecutor
 from wait_until import wait_until
 
 from bags.storage import read, repair
 from experiments.configuration import inputs, node_config
 from experiments.run import processes
 from msgs_yaml import decode, share
-from node_runtime import ros, shutdown, spin_node
+from node_runtime import provenance, ros, shutdown, spin_node
 
 # topics whose messages have numeric columns
 NUMERIC = (
@@ -25,6 +27,7 @@ NUMERIC = (
     '/controller/command',
 )
 ROLES = ('scenario', 'controller', 'plant', 'recorder')
+PATIENCE_S = 60.0
 LINES = 8  # of a log
 NICE = -10  # on the wall clock, where the user may: other processes are not what is tested
 
@@ -40,6 +43,7 @@ class NodeGraph:
         nodes = node_config.build_mpcc_nodes(facts, mode, folder, settings)
         self.nodes = {node.role: node for node in nodes}
         self.prefix: dict[str, list[str]] = {}  # put before the command of a role
+        self.remaps: dict[str, list[str]] = {}  # FROM:=TO, by role
         self.namespace = ''  # of every node, '' for the root
         # independent of the shell
         here = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
@@ -55,25 +59,37 @@ class NodeGraph:
             for role in self.running:
                 assert shutdown.TRACEBACK_START not in self.log(role), self.log(role)
 
-    def start(self, role: str) -> processes.Process:
-        """Start a node."""
-        node = self.nodes[role]
-        program = self.prefix.get(role, []) + share.node_command(node.package, node.executable)
-        more = ['-r', f'__ns:={self.namespace}'] if self.namespace else []
-        self.running[role] = processes.start_node(
-            node, self.folder, self.environment, program=program, extra_arguments=more
-        )
-        if self.mode == 'realtime':
-            group = Path('/proc', str(self.running[role].popen.pid), 'autogroup')
-            with contextlib.suppress(OSError):  # each session is a group of its own
-                group.write_text(str(NICE))
-        return self.running[role]
+    def start(self, *roles: str) -> None:
+        """Start nodes."""
+        for role in roles:
+            node = self.nodes[role]
+            program = self.prefix.get(role, []) + share.node_command(node.package, node.executable)
+            remaps = [*self.remaps.get(role, ())]
+            if self.namespace:
+                remaps.append(f'__ns:={self.namespace}')
+            self.running[role] = processes.start_node(
+                node,
+                self.folder,
+                self.environment,
+                program=program,
+                extra_arguments=[word for remap in remaps for word in ('-r', remap)],
+            )
+            if self.mode == 'realtime':
+                group = Path('/proc', str(self.running[role].popen.pid), 'autogroup')
+                with contextlib.suppress(OSError):  # each session is a group of its own
+                    group.write_text(str(NICE))
 
-    def wait(self, role: str, seconds: float = 60.0) -> int:
+    def restart(self, *roles: str) -> None:
+        """Kill nodes and start them again."""
+        for role in roles:
+            processes.kill(self.running[role])
+        self.start(*roles)
+
+    def wait(self, role: str, seconds: float = PATIENCE_S) -> int:
         """Return the exit code of a node that ends by itself."""
         return self.running[role].popen.wait(seconds)
 
-    def wait_for(self, role: str, text: str, seconds: float = 60.0) -> None:
+    def wait_for(self, role: str, text: str, seconds: float = PATIENCE_S) -> None:
         """Wait until the log of a node contains a text."""
         wait_until(
             lambda: text in self.log(role),
@@ -81,28 +97,18 @@ class NodeGraph:
             lambda: f'the log of {role} lacks {text!r}:\n{self.log(role)}',
         )
 
-    def wait_for_messages(
-        self, topic: str, enough: Callable[[list], bool], seconds: float = 60.0
-    ) -> None:
-        """Subscribe to a topic until `enough(decoded messages)` is true."""
-        context = Context()
-        rclpy.init(context=context, domain_id=int(self.environment['ROS_DOMAIN_ID']))
-        node = rclpy.create_node('listener', context=context, start_parameter_services=False)
-        node.declare_parameter('mode', self.mode)
-        messages, read_one = [], getattr(decode, topic.rpartition('/')[2])
-        ros.subscribe(node, topic, lambda message: messages.append(read_one(message)))
-        executor = EventsExecutor(context=context)
-        executor.add_node(node)
-        try:
-            wait_until(
-                lambda: enough(messages),
-                seconds,
-                lambda: f'{len(messages)} messages of {topic} are not enough:\n{self.log_tails()}',
-                pause=lambda: executor.spin_until_future_complete(Future(), timeout_sec=0.02),
-            )
-        finally:
-            executor.remove_node(node)
-            spin_node.shut_down(node, context=context)
+    def finish(self) -> read.Bag:
+        """Wait for the end of the run, end the other nodes in order, and read the bag."""
+        assert self.wait('plant') == 0, self.log('plant')
+        # the last state is answered, too
+        processes.stop([self.running['controller'], self.running['scenario']])
+        return self.stop_recording()
+
+    def stop_recording(self) -> read.Bag:
+        """End the recorder, repair its bag if it is incomplete, and read it."""
+        processes.stop([self.running['recorder']], 20.0)
+        repair.repair_bag(self.bag)
+        return read.load(self.bag)
 
     def log_tails(self) -> str:
         """Return the last lines of every log."""
@@ -112,8 +118,71 @@ class NodeGraph:
         """Return the log of a node."""
         return self.running[role].log.read_text(errors='replace')
 
-    def stop_recording(self) -> read.Bag:
-        """End the recorder, repair its bag if it is incomplete, and read it."""
-        processes.stop([self.running['recorder']], 20.0)
-        repair.repair_bag(self.bag)
-        return read.load(self.bag)
+
+class Manager:
+    """A lifecycle manager and listener beside the nodes, driven by a test."""
+
+    def __init__(self, domain: int, mode: str = 'lockstep'):
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node('manager', context=self.context)
+        self.node.declare_parameter('mode', mode)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        spin_node.shut_down(self.node, context=self.context)
+
+    def call(self, kind, name: str, request):
+        """Call a service; return its answer."""
+        client = self.node.create_client(kind, name)
+        assert client.wait_for_service(PATIENCE_S), name
+        future = client.call_async(request)
+        self.executor.spin_until_future_complete(future, timeout_sec=PATIENCE_S)
+        self.node.destroy_client(client)
+        assert future.done(), f'{name} does not answer'
+        return future.result()
+
+    def request(self, role: str, transition: str | int) -> bool:
+        """Return whether a transition, a word or a number, was made."""
+        which = {'label': transition} if isinstance(transition, str) else {'id': transition}
+        request = ChangeState.Request(transition=Transition(**which))
+        return self.call(ChangeState, f'/{role}/change_state', request).success
+
+    def state(self, role: str) -> str:
+        """Return the state of a node."""
+        return self.call(GetState, f'/{role}/get_state', GetState.Request()).current_state.label
+
+    def wait_for_messages(
+        self, topic: str, enough: Callable[[list], bool], seconds: float = PATIENCE_S
+    ) -> None:
+        """Subscribe to a topic until `enough(decoded messages)` is true."""
+        messages, read_one = [], getattr(decode, topic.rpartition('/')[2])
+        subscription = ros.subscribe(
+            self.node, topic, lambda message: messages.append(read_one(message))
+        )
+        try:
+            wait_until(
+                lambda: enough(messages),
+                seconds,
+                lambda: f'{len(messages)} messages of {topic} are not enough',
+                pause=lambda: self.executor.spin_once(timeout_sec=0.02),
+            )
+        finally:
+            self.node.destroy_subscription(subscription)
+
+
+def note_run(
+    nodes: Sequence[node_config.Node], folder: Path, scenario: str, label: str = 'mpcc'
+) -> dict:
+    """Write and return the run information of nodes in lockstep, that a replay needs."""
+    facts = inputs.load_facts(scenario)
+    values = node_config.collect_parameters(
+        nodes, inputs.file_values(inputs.check_parameters(nodes))
+    )
+    noted = provenance.describe_run(facts.name, facts.text, label, 'lockstep', values)
+    (folder / node_config.RUN_INFO_FILE).write_text(json.dumps(noted))
+    return noted

@@ -41,17 +41,11 @@ def stamps(bag, topic):
     return np.array([decode.stamp_ns_of(data) for data in bag.recordings[topic].payloads])
 
 
-def run_began_ns(bag):
-    """Return when the plant let the car go."""
-    told = read.columns(bag, ['/vehicle/run_start'])['/vehicle/run_start']
-    *held, began_ns = told.stamp_ns.tolist()
-    assert held in ([], [0])  # the car may be held for less than a period of this topic
-    return began_ns
-
-
 def test_the_car_is_held_at_its_start_until_the_controller_answers(bag):
-    table = read.columns(bag, [STATE, COMMAND])
-    states, began_ns = table[STATE], run_began_ns(bag)
+    table = read.columns(bag, [STATE, COMMAND, '/vehicle/run_start'])
+    states = table[STATE]
+    *held, began_ns = table['/vehicle/run_start'].stamp_ns.tolist()
+    assert held in ([], [0])  # the car may be held for less than a period of this topic
     # where the machine is busy, the recorder may hear a command only after the first one
     first = table[COMMAND].stamp_ns[0]
     assert began_ns - TICK_NS <= first <= began_ns + 1e9
@@ -64,14 +58,14 @@ def test_the_car_is_held_at_its_start_until_the_controller_answers(bag):
 
 def test_every_tick_of_the_bag_is_accounted_for(bag):
     """How many are missed depends on what else this machine does: bench/realtime.py tells."""
-    found = tick_timing.timing_report(bag)
-    assert found['mode'] == 'realtime'
+    report = tick_timing.timing_report(bag)
+    assert report['mode'] == 'realtime'
     # counted anew: a tick is 50 ms of stamps; the last one's answer may come after the end
     blind = {why.stamp_ns for why in read.values(bag, WHY) if why.values['reason'] == 'state_stale'}
     answered = {stamp // TICK_NS for stamp in set(stamps(bag, COMMAND).tolist()) - blind}
     last_state_ns = int(stamps(bag, STATE)[-1])
     driven = set(range(min(answered), -(-last_state_ns // TICK_NS)))
-    ticks = found['ticks']
+    ticks = report['ticks']
     assert ticks['count'] == len(driven) > 40
     assert ticks['unanswered'] == len(driven - answered)
 
@@ -84,13 +78,9 @@ def test_the_parts_of_a_tick_lie_between_its_state_and_its_command(bag):
     expected = []
     for why, after in itertools.pairwise(read.values(bag, WHY)):
         stamp, values = why.stamp_ns, why.values
-        known = 'time.solve_ms' in values and 'time.heard_ns' in values
-        if (
-            known
-            and 'time.publish_ms' in after.values
-            and stamp in state_ns
-            and stamp in command_ns
-        ):
+        is_known = {'time.solve_ms', 'time.heard_ns'} <= values.keys()
+        is_known = is_known and 'time.publish_ms' in after.values
+        if is_known and stamp in state_ns and stamp in command_ns:
             sent_ns, own = state_ns[stamp], [values[f'time.{name}_ms'] for name in OWN]
             heard_ms = (values['time.heard_ns'] - sent_ns) / 1e6
             expected.append(((command_ns[stamp] - sent_ns) / 1e6, heard_ms, *own))
@@ -107,17 +97,15 @@ def test_the_parts_of_a_tick_lie_between_its_state_and_its_command(bag):
 
 def test_health_goes_from_waiting_to_well_and_names_ages(bag):
     healths = read.values(bag, '/diagnostics')
-    plant = [one for one in healths if one.name == 'plant']
-    controller = [one for one in healths if one.name == 'controller']
-    for told in (plant, controller):
-        levels = [one.level for one in told]
+    for name in ('plant', 'controller'):
+        levels = [health.level for health in healths if health.name == name]
         running = next(k for k, level in enumerate(levels) if level != 3)
-        assert 3 not in levels[running:]  # a short wait may be over before it is told
-    assert run_began_ns(bag) == pytest.approx(stamps(bag, COMMAND)[0], abs=1e9)
+        assert 3 not in levels[running:]  # a short wait may be over before it is reported
+    controller = [health.values for health in healths if health.name == 'controller']
     for name in ('state', 'reference', 'edges', 'obstacles'):
-        assert controller[-1].values[f'age.{name}_worst_ms'] > 0.0
-        least = min(one.values.get(f'age.{name}_ms', np.inf) for one in controller)
-        assert least < controller[-1].values[f'age.{name}_limit_ms']
+        assert controller[-1][f'age.{name}_worst_ms'] > 0.0
+        least = min(values.get(f'age.{name}_ms', np.inf) for values in controller)
+        assert least < controller[-1][f'age.{name}_limit_ms']
 
 
 def test_the_contents_name_the_mode(bag, capsys):
