@@ -206,8 +206,8 @@ def test_in_lockstep_a_lost_input_is_an_error_that_names_it(mpcc, topic):
 def test_in_realtime_a_lost_message_is_a_gap_in_the_replay(mpcc, all_ticks):
     lost = {
         (STATE, 40): 'its state was lost',
-        (WHY, 60): 'a tick without a message of /controller/why',
-        (COMMAND, 80): 'its command was lost',
+        (COMMAND, 60): 'its command was lost',
+        (WHY, 80): 'a tick without a message of /controller/why',
         (OBSTACLES, 0): 'what it knew of /scenario/obstacles was not recorded',
     }
     bag = in_mode(mpcc, 'realtime')
@@ -303,7 +303,8 @@ def params_of(run_info, **settings):
 def noting(run_info, **changes):
     """Return run information with other parameters of the controller; None removes one."""
     noted = json.loads(run_info['parameters'])
-    values = {k: v for k, v in (noted['controller'] | changes).items() if v is not None}
+    removed = [name for name, value in changes.items() if value is None]
+    values = {k: v for k, v in (noted['controller'] | changes).items() if k not in removed}
     return run_info | {'parameters': json.dumps(noted | {'controller': values})}
 
 

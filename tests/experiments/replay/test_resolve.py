@@ -189,7 +189,8 @@ def test_the_command_prints_tables_that_fit_and_draws_the_horizon(tmp_path, caps
 @pytest.fixture(scope='module')
 def ticks(golden):
     """Return a function from a controller to its ticks, read once."""
-    return cache(lambda name: recorded_ticks.read_ticks(golden(name)))
+    read = recorded_ticks.read_ticks
+    return cache(lambda name: read(golden(name)))
 
 
 @pytest.fixture

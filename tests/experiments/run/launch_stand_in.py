@@ -84,18 +84,6 @@ class Shutdown:
         context.service.shut_down()
 
 
-class TimerAction:
-    def __init__(self, *, period, actions):
-        self.period, self.actions = period, actions
-
-    def execute(self, context):
-        context.service.begin(self._wait(context))
-
-    async def _wait(self, context):
-        await asyncio.sleep(self.period)
-        context.service.events.put_nowait(lambda: self.actions)
-
-
 class Node:
     def __init__(
         self,
@@ -211,7 +199,6 @@ def install() -> None:
         OpaqueFunction,
         SetEnvironmentVariable,
         Shutdown,
-        TimerAction,
     )
     contents = {
         'launch': {'LaunchDescription': LaunchDescription},

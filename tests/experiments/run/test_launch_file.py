@@ -160,7 +160,8 @@ def test_a_node_that_ends_badly_or_before_the_plant_is_an_error(
     assert launched().wait(PATIENCE_S) == 1
     assert f'{Path(node).name} ended {end}' in output(tmp_path)
     assert running_nodes(tmp_path) == []
-    assert (tmp_path / 'runs/straight/mpcc/metadata.yaml').is_file() == (node == PLANT)
+    if node == PLANT:
+        assert (tmp_path / 'runs/straight/mpcc/metadata.yaml').is_file()
 
 
 def test_an_interrupt_is_an_error_and_closes_the_bag(tmp_path, shell, launched):
