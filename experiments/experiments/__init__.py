@@ -8,11 +8,11 @@ Run
     batch              a study file: scenarios, parameters and controllers, combined and driven
     preview            a scenario before it is driven
     library            families of random emergencies, and who survives them
-    settings           random settings of everything that the paper does not print, and the study
 Analyse
     replay             recorded ticks through today's controller
     results            tables and plots of the drives of a batch
     survivable         which emergencies any driver can survive
+    settings_study     the published shares of the study over many settings
     tuning             controller weights by Bayesian optimisation
 Common
     cli, commands      the command `experiments`

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.settings import recompute
+from experiments import settings_study
 
 ROOT = Path(__file__).parents[2]
 MATCHED, LINEAGE = 'frenet_matched', 'frenet_lineage'
@@ -18,17 +18,17 @@ def page(name):
 
 @pytest.fixture(scope='module')
 def study():
-    return recompute.read(ROOT / 'paper/settings')
+    return settings_study.read(ROOT / 'paper/settings')
 
 
 @pytest.fixture(scope='module')
 def shares(study):
-    return {(share.baseline, share.claim): share for share in recompute.shares(study)}
+    return {(share.baseline, share.claim): share for share in settings_study.shares(study)}
 
 
 def test_readme_says_what_was_fixed_beforehand_and_came_out(study, shares):
     text = page('README.md')
-    assert f'{study.rules.runs.confirmatory.count:,} settings of them were drawn' in text
+    assert f'{study.rules["runs"]["confirmatory"]["count"]:,} settings of them were drawn' in text
     assert f'hold in {shares[MATCHED, "sideslip"].settings} of them' in text
     assert len(shares) == 2 * len(CLAIMS)
     assert {share.verdict for share in shares.values()} == {'open'}
@@ -85,7 +85,7 @@ def test_results_have_every_median_of_mpcc_less_baseline(shares, claim, unit, si
 
 
 def test_results_have_who_brakes_later_and_who_alone(study):
-    matched, lineage = recompute.braking(study)
+    matched, lineage = settings_study.braking(study)
     assert (matched.baseline, lineage.baseline) == (MATCHED, LINEAGE)
     wanted = (
         f'10 m *later* in {matched.later} of the {matched.both} and earlier in {matched.earlier}; '

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from experiments import cli
-from experiments.settings import recompute
+from experiments import cli, settings_study
 
 PUBLISHED = Path(__file__).parents[2] / 'paper/settings'
 # baseline, claim, holds, settings, intervals, undetermined, silent, median with interval, verdict
@@ -36,16 +35,16 @@ def test_the_command_shows_the_published_shares_and_who_brakes(capsys):
 
 
 def test_the_kept_rows_are_those_of_the_accepted_settings():
-    study = recompute.read(PUBLISHED)
+    study = settings_study.read(PUBLISHED)
     accepted = pd.read_csv(PUBLISHED / 'confirmatory/accepted_settings.csv', index_col='setting')
-    assert set(study.drives['setting']) == set(accepted.index)
+    assert set(study.drives.index.get_level_values('setting')) == set(accepted.index)
     for baseline, at_P3 in accepted.items():
-        reached = recompute.reaching(study, baseline, 'P3')['setting']
+        reached = settings_study.reaching(study, baseline, 'P3')
         assert set(reached) == set(accepted.index[at_P3])
 
 
 def test_rows_without_what_was_fixed_before_are_refused(tmp_path, capsys):
-    file = tmp_path / recompute.FILE
+    file = tmp_path / settings_study.FILE
     file.parent.mkdir()
     pd.DataFrame({'setting': [1]}).to_parquet(file)
     for content in (file.read_bytes(), b'no table'):
