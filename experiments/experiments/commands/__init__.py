@@ -17,6 +17,14 @@ def positive_count(text: str) -> int:
     return value
 
 
+def count(text: str) -> int:
+    """Return the whole number in an argument; argparse's error unless it is 0 or more."""
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f'must be 0 or more, is {text}')
+    return value
+
+
 def positive_number(text: str) -> float:
     """Return the value of an option that must be positive and finite."""
     value = float(text)

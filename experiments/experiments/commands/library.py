@@ -18,7 +18,14 @@ from pathlib import Path
 from rich.console import Console
 
 from bags.errors import BagError
-from experiments.commands import add_dask, add_jobs, add_list, add_time_limit, positive_count
+from experiments.commands import (
+    add_dask,
+    add_jobs,
+    add_list,
+    add_time_limit,
+    count,
+    positive_count,
+)
 
 HELP = 'drive families of emergencies; who survived, with intervals and causes'
 EXAMPLE = (
@@ -56,11 +63,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = f'draws per family (default: {DRAWS})'
     parser.add_argument('--draws', type=positive_count, default=DRAWS, metavar='N', help=text)
     parser.add_argument(
-        '--first', type=_count, default=0, metavar='INDEX', help='the first draw (default: 0)'
+        '--first', type=count, default=0, metavar='INDEX', help='the first draw (default: 0)'
     )
     parser.add_argument(
         '--seed',
-        type=_count,
+        type=count,
         default=SEED,
         metavar='S',
         help=f'of the draws; tune below 1000, judge from 1000 on (default: {SEED})',
@@ -105,13 +112,6 @@ def run(options: argparse.Namespace) -> int:
 
     families, entries = catalogue.choose(options.family, options.entries, options.entry)
     return run_library.run(options, families, entries, console)
-
-
-def _count(text):
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f'must be 0 or more, is {text}')
-    return value
 
 
 def _share(text):

@@ -17,7 +17,6 @@ from experiments.replay import (
     resolve,
     tick_choice,
 )
-from experiments.replay.resolve import Request
 from experiments.replay.tick_choice import Moment
 
 from .conftest import GOLDEN
@@ -42,7 +41,7 @@ def ask(golden, posed):
 
     def ask(name, tick=BUSY, parameters=None, factors=None):
         changes = Changes(parameters or {}, factors or {})
-        return resolve.answer(golden(name), posed(name, tick), Request(tick, changes, False))
+        return resolve.answer(golden(name), posed(name, tick), changes)
 
     return ask
 
