@@ -155,24 +155,16 @@ def test_a_plant_of_the_user_gets_the_parameters_and_is_recorded(drive, own_plan
     assert 'start.speed_mps: 20.0' in (outcome.bag / 'logs/my_car.log').read_text()
 
 
-@pytest.mark.parametrize(
-    ('text', 'parts'),
-    [
-        ('echo "no car" >&2; exit 7', ('my_car ended early with exit code 7:\n  | no car',)),
-        (
-            f'echo thinking; {WAIT}',
-            (
-                'longer than 1 s of wall time, and no state of the car was recorded',
-                'a plant sends /vehicle/odometry, in lockstep /clock',
-                'my_car: thinking',
-            ),
-        ),
-    ],
-)
-def test_a_plant_of_the_user_that_ends_or_sends_nothing_is_named(drive, own_plant, text, parts):
-    outcome = drive(time_limit_s=1.0, plant=own_plant(text))
-    assert not outcome.completed
-    for part in parts:
+def test_a_run_ends_at_its_limit_and_says_what_a_plant_of_the_user_has_to_send(drive, own_plant):
+    begin = time.monotonic()
+    outcome = drive(time_limit_s=1.0, plant=own_plant(f'echo thinking; {WAIT}'))
+    assert 1.0 <= time.monotonic() - begin < 30.0
+    assert outcome.completed is False
+    for part in (
+        'longer than 1 s of wall time, and no state of the car was recorded',
+        'a plant sends /vehicle/odometry, in lockstep /clock',
+        'my_car: thinking',
+    ):
         assert part in outcome.message
 
 
@@ -214,16 +206,6 @@ def test_a_bag_that_is_not_closed_replaces_nothing(runs, drive, prefix):
     assert 'the bag was not closed' in outcome.message
     assert 'disk full' in outcome.message
     assert is_unchanged(runs)
-
-
-def test_a_run_never_takes_longer_than_its_limit(drive, prefix):
-    prefix(PLANT, 'echo waiting for a command\n' + WAIT)
-    begin = time.monotonic()
-    outcome = drive(time_limit_s=1.0)
-    assert 1.0 <= time.monotonic() - begin < 30.0
-    assert outcome.completed is False
-    assert 'longer than 1 s of wall time' in outcome.message
-    assert 'plant_node: waiting for a command' in outcome.message
 
 
 def test_a_node_that_dies_leaves_a_closed_recording(runs, drive, prefix):
@@ -279,14 +261,6 @@ def test_a_full_disk_is_the_outcome_of_its_run_and_leaves_nothing_hidden(runs, d
     outcome = drive()
     assert (outcome.completed, outcome.bag) == (False, None)
     assert outcome.message == 'no folder for the run: [Errno 28] No space left on device'
-
-
-def test_a_run_that_cannot_replace_the_older_one_is_kept_as_failed(runs, drive, refuse_moves):
-    refuse_moves(lambda path: path.name == 'mpcc')
-    failed = kept_as_failed(runs, drive(), 'PermissionError: ')
-    assert 'finish line crossed' in (failed / 'logs/plant_node.log').read_text()
-    assert (failed / 'logs' / node_graph.TRACEBACK).is_file()
-    assert is_unchanged(runs)
 
 
 def test_a_run_that_cannot_be_moved_at_all_says_where_it_was_left(runs, drive, refuse_moves):

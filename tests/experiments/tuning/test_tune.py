@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from matplotlib.figure import Figure
 from rich.console import Console
 
 from experiments.configuration import node_config
 from experiments.pool import Pool
-from experiments.tuning import problem, tune, tuning_figure, weight_search
+from experiments.tuning import problem, tune, weight_search
 from experiments.tuning.problem import Condition, Score
 from experiments.tuning.weight_search import SearchPlan
 from mpcc_controller.problem import formulation
@@ -149,20 +148,6 @@ def test_an_infeasible_untuned_controller_is_reported_as_infeasible(trials, tmp_
         'path tracked to 0.45 m > 0.3 m' in shown.getvalue()
     )
     assert 'infeasible' in tune._cost_note(broken).partition('->')[0]
-
-
-def test_the_history_shows_every_trial_and_cuts_none_off(trials):
-    dear = trials[1]._replace(
-        violations=(0.0,) * 4, scores=(trials[1].scores[0]._replace(sideslip_peak_deg=40.0),)
-    )
-    shown = [trials[0], dear, *trials[2:]]
-    ax = Figure().add_subplot()
-    tuning_figure._history(ax, shown, weight_search.find_best(shown))
-    drawn = {line.get_label(): line for line in ax.get_lines()}
-    costs = {trial.cost for trial in shown}
-    assert {*drawn['feasible'].get_ydata(), *drawn['infeasible'].get_ydata()} == costs
-    low, high = ax.get_ylim()
-    assert low < min(costs) < dear.cost < high
 
 
 def read(folder, text):
