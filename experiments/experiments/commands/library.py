@@ -53,11 +53,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='drive the scenarios with `expect:` in their file, and check what they expect',
     )
-    what.add_argument(
-        '--draw-entries',
-        action='store_true',
-        help='draw a picture of each scenario with `expect:` into --out DIR',
-    )
     add_list(parser, '--family', 'a family', 'all of them', metavar='F')
     add_list(parser, '--entry', 'with --entries: one of them', 'all of them', metavar='E')
     text = f'draws per family (default: {DRAWS})'
@@ -105,8 +100,6 @@ def run(options: argparse.Namespace) -> int:
         return catalogue.write_draw(
             options.draw, options.seed, options.difficulty, options.out, console
         )
-    if options.draw_entries:
-        return catalogue.draw_entries(options.out, console)
 
     from experiments.library import run_library
 

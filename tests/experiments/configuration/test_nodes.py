@@ -9,7 +9,7 @@ from tyre_files import property_file
 from bags.errors import BagError
 from experiments.configuration import inputs, node_config, ros_parameter_file, set_option
 from msgs_yaml import share
-from node_runtime import node_parameters, parameters
+from node_runtime import node_parameters, parameters, provenance
 from node_runtime.parameters import ROAD_FRICTION, RUN_TIME, SPEED
 from scenario_publisher import scenario
 
@@ -107,6 +107,7 @@ def test_a_controller_is_a_name_a_file_or_a_program(build, recorded, tmp_path):
         assert nodes['controller'].program == program
         noted = recorded(nodes)['controller']
         assert (noted['program'], noted['safety.obstacle_m']) == (' '.join(program), 0.5)
+        assert noted['program_sha256'] == provenance.digest_file(files[name])
         assert not [key for key in noted if key.startswith(('solver', 'tolerances'))]
 
 
