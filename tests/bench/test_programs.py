@@ -47,12 +47,19 @@ def test_a_program_prints_its_table(run):
     assert re.search(r'step_us +\d+\.\d\d\n', text)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ('program', 'words', 'row'),
     [
-        ('prediction_error.py', (), r'\| with lag, 1 s \|'),
-        ('solver_comparison.py', ('--quick', '--passes', '1'), r'\| warm \| ours \|.* 100 % \|'),
+        pytest.param(
+            'prediction_error.py', (), r'\| with lag, 1 s \|', marks=pytest.mark.slow, id='errors'
+        ),
+        pytest.param(
+            'solver_comparison.py',
+            ('--quick', '--passes', '1'),
+            r'\| warm \| ours \|.* 100 % \|',
+            marks=[pytest.mark.nightly, pytest.mark.timeout(3600)],
+            id='solvers',
+        ),
     ],
 )
 def test_a_longer_program_prints_its_table(run, tmp_path, program, words, row):
