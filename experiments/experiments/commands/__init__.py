@@ -44,13 +44,13 @@ def add_jobs(parser: argparse.ArgumentParser, constant: str) -> None:
     )
 
 
-def add_dask(parser: argparse.ArgumentParser, part: str = '') -> None:
-    """Add the option --dask; `part` begins its help."""
+def add_dask(parser: argparse.ArgumentParser) -> None:
+    """Add the option --dask."""
     parser.add_argument(
         '--dask',
         default='',
         metavar='ADDRESS',
-        help=f'{part}of a dask scheduler, as tcp://10.0.0.1:8786, whose workers do the drives; '
+        help='of a dask scheduler, as tcp://10.0.0.1:8786, whose workers do the drives; '
         'instead of --jobs (docs/batch.md)',
     )
 

@@ -121,7 +121,7 @@ def points():
 def test_a_surface_is_near_the_true_share_with_an_interval_that_copies_do_not_narrow(
     points, true_share, monkeypatch
 ):
-    monkeypatch.setattr(success_surface, 'RESAMPLES', 40)
+    monkeypatch.setattr(success_surface, 'RESAMPLES', 60)
     x, y = points
     holds = np.random.default_rng(2).random(400) < true_share(x, y)
     surface = success_surface.fit(x, y, holds, range(400))
