@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from bags import command_line
 
-COMMANDS = ('play', 'compare', 'overview', 'film', 'distances', 'info', 'timing', 'repair')
+COMMANDS = ('play', 'compare', 'film', 'distances', 'info', 'timing', 'repair')
 # words that are no command, and the command that has what they ask for
 MEANT = {
     'run': 'experiments run',

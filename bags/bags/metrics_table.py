@@ -5,7 +5,7 @@ Rows, titles and units come from the registry of metrics.
 
 import csv
 import io
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -58,21 +58,20 @@ class Line(NamedTuple):
 
 def table_lines(runs: Mapping[str, Mapping[str, Any]]) -> list[Line]:
     """Return the rows of a comparison of `runs`, metrics by run name as in comparison.json."""
-    return [line for metric in table_metrics() for line in _lines(metric, runs)]
-
-
-def _lines(metric, runs) -> Iterator[Line]:
-    values = [run[metric.name] for run in runs.values()]
-    if metric.optional and all(value is None for value in values):
-        return
-    keys = {'': metric.title}
-    if any(isinstance(value, Mapping) for value in values):
-        keys = {key: metric.labels.get(key, key) for value in values for key in value}
-    for key, label in keys.items():
-        single = [value.get(key) if key else value for value in values]
-        cells = [cell(metric, value, run) for value, run in zip(single, runs.values())]
-        paper = f'{metric.paper[key]:.{metric.decimals}f}' if key in metric.paper else ''
-        yield Line(metric.title.format(label), metric.unit, cells, paper)
+    lines = []
+    for metric in table_metrics():
+        values = [run[metric.name] for run in runs.values()]
+        if metric.optional and all(value is None for value in values):
+            continue
+        keys = {'': metric.title}
+        if any(isinstance(value, Mapping) for value in values):
+            keys = {key: metric.labels.get(key, key) for value in values for key in value}
+        for key, label in keys.items():
+            single = [value.get(key) if key else value for value in values]
+            cells = [cell(metric, value, run) for value, run in zip(single, runs.values())]
+            paper = f'{metric.paper[key]:.{metric.decimals}f}' if key in metric.paper else ''
+            lines.append(Line(metric.title.format(label), metric.unit, cells, paper))
+    return lines
 
 
 def cell(metric: Metric, value: Any, run: Mapping[str, Any]) -> Cell:
@@ -92,74 +91,63 @@ def cell(metric: Metric, value: Any, run: Mapping[str, Any]) -> Cell:
     return Cell(f'{value:.{metric.decimals}f}')
 
 
-def chosen_cells(chosen: Iterable[Metric], run: Mapping[str, Any]) -> list[Text]:
-    """Return the coloured cells of chosen metrics in the row of a run."""
-    cells = (cell(metric, run[metric.name], run) for metric in chosen)
-    return [Text(value.text, COLOURS[value.good]) for value in cells]
-
-
-def narrow_table(title: str) -> Table:
-    """Return an empty table without lines: three controllers fit into 80 characters."""
-    look = {'box': box.SIMPLE_HEAD, 'show_edge': False, 'pad_edge': False, 'padding': (0, 1, 0, 0)}
-    return Table(title=title, title_justify='left', **look)
-
-
 def build_table(comparison: Mapping[str, Any]) -> Table:
     """Return the table of a comparison (the dictionary of comparison.json).
 
     A column per run with every metric; of more than MOST_COLUMNS runs a row each, with OF_MANY.
     """
-    runs = comparison['runs']
+    runs, title = comparison['runs'], f'Scenario {comparison["scenario"]}'
+    # without lines, so that three controllers fit into 80 characters
+    look = {'box': box.SIMPLE_HEAD, 'show_edge': False, 'pad_edge': False, 'padding': (0, 1, 0, 0)}
+    table = Table(title=title, title_justify='left', **look)
+    marks = {name: ', bag cut' if name in comparison.get('damage', {}) else '' for name in runs}
     if len(runs) > MOST_COLUMNS:
-        return _build_rows(comparison)
-    table = narrow_table(f'Scenario {comparison["scenario"]}')
+        table.title += f' (every metric: {CSV_FILE}, report)'
+        table.add_column('run', no_wrap=True)
+        chosen = [metric for metric in table_metrics() if metric.name in OF_MANY]
+        for metric in chosen:
+            table.add_column(Text(f'{metric.title} [{metric.unit}]'), justify='right')
+        for name, run in runs.items():
+            cells = [cell(metric, run[metric.name], run) for metric in chosen]
+            table.add_row(Text(f'{name}{marks[name]}'), *map(_coloured, cells))
+        return table
     with_paper = comparison.get(OF_PAPER, False)
     if with_paper:
         table.caption, table.caption_justify = PAPER_NOTE, 'left'
     table.add_column('metric', no_wrap=True)
     table.add_column('unit', no_wrap=True)
     for name in runs:
-        cut = name in comparison.get('damage', {})
         # on two lines, so that three of them fit into 80 characters, too
         shown = f'{name.removesuffix(TUNED)}\n{TUNED[1:]}' if name.endswith(TUNED) else name
-        table.add_column(f'{shown}, bag cut' if cut else shown, justify='right', no_wrap=True)
+        table.add_column(f'{shown}{marks[name]}', justify='right', no_wrap=True)
     if with_paper:
         table.add_column('paper', justify='right', style='dim', no_wrap=True)
     for line in table_lines(runs):
-        cells = [Text(cell.text, COLOURS[cell.good]) for cell in line.cells]
-        table.add_row(line.title, line.unit, *cells, *([line.paper] if with_paper else []))
+        paper = [line.paper] if with_paper else []
+        table.add_row(line.title, line.unit, *map(_coloured, line.cells), *paper)
     return table
 
 
-def _build_rows(comparison):
-    table = narrow_table(f'Scenario {comparison["scenario"]} (every metric: {CSV_FILE}, report)')
-    table.add_column('run', no_wrap=True)
-    chosen = [metric for metric in table_metrics() if metric.name in OF_MANY]
-    for metric in chosen:
-        unit = f' [{metric.unit}]' if metric.unit else ''
-        table.add_column(Text(f'{metric.title}{unit}'), justify='right')
-    for name, run in comparison['runs'].items():
-        cut = ', bag cut' if name in comparison.get('damage', {}) else ''
-        table.add_row(Text(f'{name}{cut}'), *chosen_cells(chosen, run))
-    return table
+def _coloured(cell):
+    return Text(cell.text, COLOURS[cell.good])
 
 
 def drives_of_paper(drives: Iterable[Drive]) -> dict[str, bool]:
     """Return what comparison.json says of drives that all were the manoeuvre of the paper."""
-    return {OF_PAPER: True} if all(map(_is_of_paper, drives)) else {}
 
+    def is_of_paper(drive):
+        desired_mps, obstacles = drive.scene.desired_mps, drive.scene.obstacles
+        return (
+            desired_mps is not None
+            and abs(desired_mps - PAPER_SPEED_MPS) <= SPEED_TOLERANCE_MPS
+            and len(obstacles) == len(PAPER_OBSTACLES_M)
+            and all(
+                np.allclose(np.column_stack([item.x, item.y]), place)
+                for item, place in zip(obstacles, PAPER_OBSTACLES_M)
+            )
+        )
 
-def _is_of_paper(drive):
-    desired_mps = drive.scene.desired_mps
-    if desired_mps is None or abs(desired_mps - PAPER_SPEED_MPS) > SPEED_TOLERANCE_MPS:
-        return False
-    places = [(obstacle.x, obstacle.y) for obstacle in drive.scene.obstacles]
-    if len(places) != len(PAPER_OBSTACLES_M):
-        return False
-    return all(
-        np.allclose(np.column_stack(place), expected)
-        for place, expected in zip(places, PAPER_OBSTACLES_M)
-    )
+    return {OF_PAPER: True} if all(map(is_of_paper, drives)) else {}
 
 
 def metrics_csv(runs: Mapping[str, Mapping[str, Any]]) -> str:
@@ -169,21 +157,11 @@ def metrics_csv(runs: Mapping[str, Mapping[str, Any]]) -> str:
     `overshoots.0.x_m`; what a run does not have is an empty cell.
     """
     columns = {name: flatten(run) for name, run in runs.items()}
-    rows = dict.fromkeys(row for column in columns.values() for row in column)
-    cells = ([row, *(column.get(row) for column in columns.values())] for row in rows)
-    return csv_text(['metric', *columns], cells)
-
-
-def csv_text(header: Sequence[str], rows: Iterable[Sequence[Any]], names: int = 1) -> str:
-    """Return a CSV with every digit, and nothing where there is no value.
-
-    The first `names` cells of a row are texts, the others JSON values.
-    """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator='\n')
-    writer.writerow(header)
-    for row in rows:
-        texts = (str(v).lower() if isinstance(v, bool) else repr(v) for v in row[names:])
-        shown = ('' if v is None else text for v, text in zip(row[names:], texts))
-        writer.writerow([*row[:names], *shown])
+    writer.writerow(['metric', *columns])
+    for row in dict.fromkeys(row for column in columns.values() for row in column):
+        values = [column.get(row) for column in columns.values()]
+        texts = (str(v).lower() if isinstance(v, bool) else repr(v) for v in values)
+        writer.writerow([row, *('' if v is None else text for v, text in zip(values, texts))])
     return out.getvalue()

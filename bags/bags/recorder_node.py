@@ -62,22 +62,37 @@ class RecorderNode(ManagedNode):
         self.stopping, self.exit_code = False, 0
         # instead of rclpy's handlers: a signal must not tear a record, a second one has no effect
         for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._stop)
+            signal.signal(number, lambda *_: setattr(self, 'stopping', True))
         ros.steady_timer(self, self.params.poll_s, self.poll)
 
     def configure(self):
         """Create the bag, and subscribe."""
         self.time = SimulatedTime(lambda: _arrived(self.inlets[CLOCK]))
-        self.bag, self.filings = self._open(ros.mode(self))
+        mode = ros.mode(self)
+        self.topics = recorded_topics()
+        topics = [bag_topic(topic, mode) for topic in self.topics.values()]
+        self.bag = self._create(topics, mode)
+        clock_publisher = contract.load().topics[CLOCK].publisher
+        self.filings = [
+            Filing(
+                described,
+                mode,
+                partial(self.bag.write, k),
+                topic.publisher != ANY,
+                self.time,
+                topic.publisher == clock_publisher,
+            )
+            for k, (described, topic) in enumerate(zip(topics, self.topics.values()))
+        ]
         # a second node without an executor: only `drain` takes its messages
         self.inbox = ros.polled_node(self, f'{self.get_name()}_inbox')
         self.inlets = {name: self._subscribe(topic) for name, topic in self.topics.items()}
         self.received, self.warned = set(), set()
         # in lockstep a bag must not depend on the speed of the machine
-        if ros.mode(self) != LOCKSTEP:
-            self.health = RecordingHealth(ros.mode(self))
+        if mode != LOCKSTEP:
+            self.health = RecordingHealth(mode)
             self.health_pub = ros.publisher(self, ros.HEALTH)
-            period_s = 1.0 / contract.load().topics[ros.HEALTH].rate_hz[ros.mode(self)]
+            period_s = 1.0 / contract.load().topics[ros.HEALTH].rate_hz[mode]
             ros.steady_timer(self, period_s, self.publish_health)
         self.next_chunk = time.monotonic() + self.params.chunk_s
 
@@ -98,38 +113,22 @@ class RecorderNode(ManagedNode):
             self.inbox.destroy_node()
             self.inbox = None
 
-    def _open(self, mode):
-        self.topics = recorded_topics()
-        topics = [bag_topic(topic, mode) for topic in self.topics.values()]
+    def _create(self, topics, mode):
+        """Return a new bag; another one of this node is beside the first."""
         split = Split(round(self.params.split_mb * MB), round(self.params.split_s * NS_PER_S))
         out = folder = self.params.out
         if not out:
             raise ParameterError('out: is missing; it names the folder to create for the bag')
-        # another bag of this node is beside the first
         numbers = count(2)
         while folder in self.folders and Path(folder).exists():
             folder = f'{out}_{next(numbers)}'
+        info = {**run_info(self.params.run_info, mode), NAMESPACE: self.get_namespace()}
         try:
-            info = run_info(self.params.run_info, mode)
-            bag = BagWriter(
-                folder, topics, {'run': {**info, NAMESPACE: self.get_namespace()}}, split
-            )
+            bag = BagWriter(folder, topics, {'run': info}, split)
         except BagError as error:
             raise ParameterError(f'out: {error}') from error
         self.folders.add(folder)
-        clock_publisher = contract.load().topics[CLOCK].publisher
-        filings = [
-            Filing(
-                described,
-                mode,
-                partial(bag.write, k),
-                topic.publisher != ANY,
-                self.time,
-                topic.publisher == clock_publisher,
-            )
-            for k, (described, topic) in enumerate(zip(topics, self.topics.values()))
-        ]
-        return bag, filings
+        return bag
 
     def _subscribe(self, topic):
         """Subscribe with a queue that drops no message."""
@@ -138,9 +137,6 @@ class RecorderNode(ManagedNode):
         kind = ros.message_type(topic.name)
         name = topic.name if topic.name == ROSOUT else ros.full_name(self, topic.name)
         return self.inbox.create_subscription(kind, name, lambda data: None, profile, raw=True)
-
-    def _stop(self, number, frame):
-        self.stopping = True
 
     def poll(self):
         """File the messages that have arrived; close a chunk when it is due."""
@@ -198,8 +194,7 @@ class RecorderNode(ManagedNode):
 
     def contract_losses(self):
         """Return those of the topics of the contract, which a run consists of."""
-        losses = self.losses()
-        return {name: losses[name] for name in contract.load().topics}
+        return {name: n for name, n in self.losses().items() if name in contract.load().topics}
 
     def warn_of_misdated(self):
         """Warn once per topic of a message whose log time differs from its stamp."""
@@ -249,12 +244,10 @@ class RecorderNode(ManagedNode):
         losses = self.losses()
         span = self.bag.close({LOSS_RECORD: loss_record(losses)})
         self.get_logger().info(f'{span.count} messages in {self.bag.folder}')
-        for topic, counts in losses.items():
+        for (topic, counts), filing in zip(losses.items(), self.filings):
             if counts.lost:
-                self.get_logger().warning(
-                    f'{topic}: {counts.lost} messages lost in {counts.gaps} places'
-                )
-        for topic, filing in zip(self.inlets, self.filings):
+                text = f'{topic}: {counts.lost} messages lost in {counts.gaps} places'
+                self.get_logger().warning(text)
             if filing.misdated:
                 self.get_logger().warning(
                     f'{topic}: {filing.misdated} messages are filed under another time than their '

@@ -211,13 +211,6 @@ class Run(EvaluatedDrive):
         """The metrics by name, as in comparison.json. Raises BagError as `drive`."""
         return MetricValues(metrics.metrics_of(self))
 
-    def keep_metrics(self) -> None:
-        """Compute the metrics, and give up the messages and arrays. Raises BagError as `drive`."""
-        self.metrics  # noqa: B018 - from now on they are kept
-        for name in ('drive', 'series', '_values'):
-            vars(self).pop(name, None)
-        self.tables = {}
-
     @cached_property
     def signals(self) -> 'pd.DataFrame':
         """The derived signals, one row per message of the odometry, indexed by time [s].

@@ -1,9 +1,7 @@
 """Make a film of runs from above, as GIF or MP4: a strip of road per run, at the same time."""
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 HELP = 'film of runs from above, as GIF or MP4'
 EXAMPLE = 'bags film bags/runs/double_lane_change/mpcc --out film.gif'
@@ -34,23 +32,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make the film and say how large it is. Raises BagError."""
-    from bags.figures.film import FilmOptions
+    """Make the film, a strip per bag, and say how large it is. Raises BagError.
 
-    options = FilmOptions(args.width, args.fps, args.speed, args.begin, args.end)
-    frames = film_bags(args.bags, args.out, options)
-    print(f'{args.out}: {frames} frames, {args.out.stat().st_size / 1e6:.2f} MB')
-    return 0
-
-
-def film_bags(paths: Sequence[Path | str], out: Path, options: Any) -> int:
-    """Write a film of the bags at `paths`, one below the other; return how many frames it has.
-
-    The runs may be of different scenarios: each is seen on its own road. Raises BagError for bags
-    that cannot be evaluated, and for what `film.check` refuses (`options`: a `film.FilmOptions`).
+    The runs may be of different scenarios: each is seen on its own road.
     """
     from bags.figures import film, panels
     from bags.report.comparison import load_runs
 
-    film.check(out, options)
-    return film.write_film(panels.assign(load_runs(paths)), out, options)
+    options = film.FilmOptions(args.width, args.fps, args.speed, args.begin, args.end)
+    film.check(args.out, options)
+    frames = film.write_film(panels.assign(load_runs(args.bags)), args.out, options)
+    print(f'{args.out}: {frames} frames, {args.out.stat().st_size / 1e6:.2f} MB')
+    return 0

@@ -1,7 +1,6 @@
 """Print the latency of each part of a tick, missed ticks, and the intervals between commands."""
 
 import argparse
-from collections.abc import Iterator
 from typing import Any
 
 from rich.console import Console
@@ -40,7 +39,10 @@ def show(report: dict[str, Any], console: Console) -> None:
     table.add_column('ms')
     for name in QUANTILES:
         table.add_column(name, justify='right')
-    for title, values in _rows(report):
+    rows = {title: report['parts_ms'][name] for name, title in TITLES.items()}
+    rows['between two commands'] = report['interval_ms']
+    rows['state sent after its stamp'] = report['state_sent_after_its_stamp_ms']
+    for title, values in rows.items():
         table.add_row(title, *(number_text((values or {}).get(name), '.2f') for name in QUANTILES))
     console.print(table)
     for line in describe_invalid(report):
@@ -48,11 +50,3 @@ def show(report: dict[str, Any], console: Console) -> None:
     console.print(describe_ticks(report['ticks']), highlight=False)
     mean = number_text(report['interval_ms']['mean'], '.3f')
     console.print(f'mean interval {mean} ms', highlight=False)
-
-
-def _rows(report) -> Iterator[tuple[str, dict[str, float] | None]]:
-    """Yield each line's title and quantiles."""
-    for name, title in TITLES.items():
-        yield title, report['parts_ms'][name]
-    yield 'between two commands', report['interval_ms']
-    yield 'state sent after its stamp', report['state_sent_after_its_stamp_ms']

@@ -42,6 +42,13 @@ def compute_series(drive: Drive) -> Series:
     positions = [
         obstacle_position(obstacle, scene, motion.stamp_ns) for obstacle in scene.obstacles
     ]
+    crowd = list(zip(scene.obstacles, positions))
+    circles = circle_centres(motion, facts.circles)
+
+    def nearest(gaps):
+        """Return the smallest distance (n,) over the car's circles; `gaps` are of their centres."""
+        return np.min(gaps, axis=0) - facts.vehicle_radius
+
     speed = np.hypot(motion.vx, motion.vy)
     sideslip = np.arctan2(motion.vy, motion.vx)
     return Series(
@@ -50,19 +57,22 @@ def compute_series(drive: Drive) -> Series:
         contouring=projection.offset,
         speed=speed,
         sideslip=np.where(speed > SIDESLIP_FROM, sideslip, np.nan),
+        # D_V2O of the paper (eq. 3), and D_V2E (eq. 4) with the sign of the road's side
         v2o={
-            obstacle.id: _v2o(motion, facts, x, y, obstacle.radius)
-            for obstacle, (x, y) in zip(scene.obstacles, positions)
+            obstacle.id: nearest(
+                [np.hypot(*(at - np.column_stack(place)).T) - obstacle.radius for at in circles]
+            )
+            for obstacle, place in crowd
         },
         v2e={
-            'left': _v2e(motion, facts, scene.left, inside=-1.0),
-            'right': _v2e(motion, facts, scene.right, inside=1.0),
+            side: nearest([inside * geometry.distance_to_polyline(at, edge) for at in circles])
+            for side, inside, edge in (('left', -1.0, scene.left), ('right', 1.0, scene.right))
         },
         outline_gaps={
             obstacle.id: geometry.gap_to_circle(
                 motion.x, motion.y, motion.yaw, facts.outline, x, y, obstacle.radius
             )
-            for obstacle, (x, y) in zip(scene.obstacles, positions)
+            for obstacle, (x, y) in crowd
         },
     )
 
@@ -86,17 +96,3 @@ def circle_centres(motion: Motion, circles: Sequence[float]) -> list[np.ndarray]
     """Return the centres (n, 2) [m, map] of the car's circles, so far ahead of its own centre."""
     cos, sin = np.cos(motion.yaw), np.sin(motion.yaw)
     return [np.column_stack([motion.x + d * cos, motion.y + d * sin]) for d in circles]
-
-
-def _v2o(motion, facts, x, y, radius):
-    """Return D_V2O of the paper (eq. 3), the smallest over the vehicle's circles."""
-    centres = circle_centres(motion, facts.circles)
-    gaps = [np.hypot(*(at - np.column_stack([x, y])).T) - radius for at in centres]
-    return np.min(gaps, axis=0) - facts.vehicle_radius
-
-
-def _v2e(motion, facts, edge, inside):
-    """Return the smallest D_V2E over the circles; `inside` is the sign of the road's side."""
-    centres = circle_centres(motion, facts.circles)
-    gaps = [inside * geometry.distance_to_polyline(at, edge) for at in centres]
-    return np.min(gaps, axis=0) - facts.vehicle_radius

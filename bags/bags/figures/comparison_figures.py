@@ -57,7 +57,7 @@ def draw_trajectories(ax, runs: Sequence[EvaluatedDrive]) -> None:
             box = Polygon(_box(run, k), facecolor=(run.look.colour, 0.06), **look)
             box.set_linewidth(CAR_WIDTH * run.look.width)
             ax.add_patch(box)
-    moving = [obstacle for obstacle in scene.obstacles if _moves(obstacle)]
+    moving = [o for o in scene.obstacles if np.nanmax(np.hypot(o.vx, o.vy)) > STILL_MPS]
     for obstacle in scene.obstacles:
         if obstacle in moving:
             _moving_obstacle(ax, obstacle, first)
@@ -139,10 +139,6 @@ def _time_label(ax, place, t, colour, side):
         annotation_clip=True,
         **look,
     )
-
-
-def _moves(obstacle):
-    return np.nanmax(np.hypot(obstacle.vx, obstacle.vy)) > STILL_MPS
 
 
 def _moving_obstacle(ax, obstacle, run):

@@ -2,7 +2,6 @@
 
 comparison          compare bags, or runs, and write all results
 comparability       refuse runs of different scenarios or plants; provenance of each run
-overview            runs of several scenarios side by side
 page                report.html
 interactive_panels  its panels as Bokeh figures
 animation           its animation of the manoeuvre

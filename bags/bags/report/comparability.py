@@ -23,7 +23,6 @@ NOT_PHYSICAL = (
 )
 LISTED = 3  # differences that an error lists before it counts the rest
 FORCE = 'their numbers are not comparable; --force compares them anyway'
-OVERVIEW = '`bags overview` shows runs of several scenarios'
 ABSENT = '–'
 HASH_DIGITS = 10  # of commits and files; comparison.json and the bag have all
 # paths of the recorder, which differ between any two runs
@@ -40,7 +39,7 @@ def check_comparable(paths: Sequence[Path | str], infos: Sequence[Mapping[str, s
         if info.get('scenario_sha256') != infos[0].get('scenario_sha256'):
             ours, theirs = (run.get('scenario', '?') for run in (infos[0], info))
             differ = f'{ours!r} and {theirs!r}' if ours != theirs else f'two versions of {ours!r}'
-            raise BagError(f'{both} drove different scenarios ({differ}): {FORCE}, {OVERVIEW}')
+            raise BagError(f'{both} drove different scenarios ({differ}): {FORCE}')
         differing = describe_plants(infos[0], info)
         if differing:
             raise BagError(f'{both} drove different plants ({differing}): {FORCE}')

@@ -166,7 +166,7 @@ class Filing:
         self._time = (time or SimulatedTime()) if mode == LOCKSTEP else None
         self._last_log_ns = 0  # in lockstep never beyond /clock
         self._passed_over = 0  # messages
-        self._ahead_ns: list[int] = []  # stamps of the messages that wait for /clock to reach them
+        self._ahead_ns: list[int] = []  # heap of the stamps that wait for /clock to reach them
         self._newest: tuple[int | None, bytes] = (None, b'')  # stamp and bytes
 
     def file(self, data: bytes, source_ns: int, received_ns: int, sequence: int | None):
@@ -211,9 +211,9 @@ class Filing:
             time.defer(NEXT, self, message)
         elif stamp_ns is not None and (
             # the order of a topic is kept
-            min(self._ahead_ns, default=stamp_ns + 1) <= stamp_ns or time.is_ahead(stamp_ns)
+            (self._ahead_ns and self._ahead_ns[0] <= stamp_ns) or time.is_ahead(stamp_ns)
         ):
-            self._ahead_ns.append(stamp_ns)
+            heapq.heappush(self._ahead_ns, stamp_ns)
             time.defer(stamp_ns - AHEAD_NS, self, message)
         else:
             self.file_now(*message)
@@ -238,8 +238,8 @@ class Filing:
     def file_now(self, stamp_ns: int | None, data: bytes, source_ns: int, sequence: int | None):
         """File a message that waits for nothing any more; its stamp is None where it has none."""
         time = self._time
-        if stamp_ns in self._ahead_ns:
-            self._ahead_ns.remove(stamp_ns)
+        if self._ahead_ns and self._ahead_ns[0] == stamp_ns:
+            heapq.heappop(self._ahead_ns)
         if stamp_ns is None:
             present_ns = time.now_ns or time.filed_ns
             log_ns = self._last_log_ns if self._is_stamped else present_ns

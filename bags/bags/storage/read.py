@@ -193,13 +193,13 @@ def _by_topic(path, contents):
 
 
 def _zero_ns(bag):
-    """Return the stamp of the first state; of the first message without any state."""
+    """Return the stamp of the first state; of the first message without any state; else 0."""
     if has_messages(bag, STATE):
         try:
             return int(header_stamps_ns(STATE, bag.recordings[STATE].payloads[:1])[0])
         except BagError as error:
             raise BagError(f'{bag.path}: {error}') from error
-    return min(int(r.log_ns[0]) for r in bag.recordings.values() if r.payloads)
+    return min((int(r.log_ns[0]) for r in bag.recordings.values() if r.payloads), default=0)
 
 
 def _table(bag, name, zero_ns):

@@ -34,8 +34,7 @@ def _find(name, folder, scn):
         which = f'another version of {what}' if what == scn.name else f'another scenario, {what}'
         raise BagError(
             f'--beside {name}: {os.path.relpath(path)} drove {which}; drive its controller in this '
-            'one too (a second --controller), or show runs of several scenarios with '
-            '`bags overview`'
+            'one too (a second --controller)'
         )
     return path
 

@@ -1,8 +1,6 @@
 """Whatever a car did: every metric is a number or nothing, and the comparison gets written."""
 
 import json
-import tempfile
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -76,7 +74,7 @@ def is_json(found):
 
 
 def test_metrics_of_any_drive_are_json_and_never_raise(road):
-    @settings(max_examples=300)
+    @settings(max_examples=200)
     @given(any_drive(*road))
     def tried(drive):
         finite = np.all([np.isfinite(column) for column in drive.motion], axis=0)
@@ -98,23 +96,22 @@ def test_metrics_of_any_drive_are_json_and_never_raise(road):
 @pytest.mark.slow  # draws every figure, seconds per case
 @pytest.mark.filterwarnings('error')
 @pytest.mark.parametrize(
-    ('kind', 'states'),
-    [('still', 1), ('silent', 1), ('far', 2), ('silent', 3), ('backwards', 40)],
+    ('kind', 'states'), [('still', 1), ('silent', 1), ('far', 2), ('backwards', 40)]
 )
 def test_figures_and_report_of_short_and_lost_drives_are_written(road, states, kind, tmp_path):
     facts, scene = road
     zero = np.zeros(states)
     along = np.linspace(0.0, 30.0, states)
     shown = {
-        'still': Motion(stamps(states, 10), zero, zero, zero, zero, zero),
-        'far': Motion(stamps(states, 10), along + 4e3, along - 7e3, along, zero + 90, along),
-        'backwards': Motion(stamps(states, 10), along, zero, zero + np.pi, zero - 30, zero),
-        'silent': Motion(stamps(states, 10), along, zero, zero, zero + 20, zero),
+        'still': (zero, zero, zero, zero, zero),
+        'far': (along + 4e3, along - 7e3, along, zero + 90, along),
+        'backwards': (along, zero, zero + np.pi, zero - 30, zero),
+        'silent': (along, zero, zero, zero + 20, zero),
     }[kind]
     measured = 0 if kind == 'silent' else states
     blank = np.zeros(measured)
     drive = Drive(
-        shown,
+        Motion(stamps(states, 10), *shown),
         Accelerations(stamps(measured, 10), blank, blank),
         Inputs(stamps(measured, 10), blank, blank),
         Ticks(NONE, np.empty(0), np.empty(0), np.empty(0, dtype=bool)),
@@ -124,18 +121,3 @@ def test_figures_and_report_of_short_and_lost_drives_are_written(road, states, k
     compared = compare_drives({'mpcc': drive, 'other': drive}, tmp_path)
     assert is_json(json.loads(compared.file.read_text()))
     assert all(path.stat().st_size for path in (*compared.figures, compared.report, compared.sheet))
-
-
-@pytest.mark.slow
-def test_figures_and_report_of_any_drive_are_written(road):
-    @settings(max_examples=3)
-    @given(any_drive(*road))
-    def tried(drive):
-        if not np.all([np.isfinite(column) for column in drive.motion], axis=0).any():
-            return
-        with tempfile.TemporaryDirectory() as folder:
-            compared = compare_drives({'mpcc': drive}, Path(folder))
-            assert is_json(json.loads(compared.file.read_text()))
-            assert compared.report.stat().st_size > 100_000
-
-    tried()

@@ -37,20 +37,21 @@ def test_the_chord_is_the_distance_of_two_points_of_the_plane():
     assert result.cartesian == pytest.approx(np.abs(there - (RADIUS - vehicle)) - REACH, abs=1e-12)
 
 
-def test_beside_the_obstacle_both_frames_agree():
+def test_the_frames_agree_beside_the_obstacle_and_on_a_straight_road():
     result = frame_distances.circle_distances(RADIUS, 0.0, 1.0, REACH)
     assert result.frenet == result.cartesian == pytest.approx(1.0 - REACH)
-
-
-def test_a_straight_road_is_a_circle_without_end():
     result = frame_distances.circle_distances(1e7, GAPS, 1.0, REACH)
     assert np.abs(result.overestimation).max() < 1e-5
 
 
-def test_inside_the_circle_there_is_always_less_room_than_the_path_says():
+def test_inside_the_circle_there_is_less_room_than_the_path_says_the_less_the_tighter_it_is():
     gap = np.linspace(0.1, np.pi * RADIUS, 200)
     assert np.all(frame_distances.circle_distances(RADIUS, gap, 1.0, REACH).overestimation > 0)
     assert frame_distances.turning_gap(RADIUS, 1.0) == 0.0
+    radius = 1 / np.linspace(1e-3, 0.06, 60)
+    for gap in (5.0, 10.0, 20.0, 30.0):
+        result = frame_distances.circle_distances(radius, gap, 1.0, REACH)
+        assert np.all(np.diff(result.overestimation) > 0)
 
 
 def test_outside_the_circle_the_sign_turns_at_one_gap():
@@ -60,15 +61,6 @@ def test_outside_the_circle_the_sign_turns_at_one_gap():
         frame_distances.circle_distances(RADIUS, turn + d, -1.0, REACH) for d in (-0.1, 0.1)
     )
     assert near.overestimation < 0 < far.overestimation
-
-
-def test_the_overestimation_grows_with_curvature():
-    curvature = np.linspace(1e-3, 0.06, 60)
-    for gap in (5.0, 10.0, 20.0, 30.0):
-        assert np.all(
-            np.diff(frame_distances.circle_distances(1 / curvature, gap, 1.0, REACH).overestimation)
-            > 0
-        )
 
 
 def lap(make_drive, turn=1.0, beside=0.0, obstacles=1):
@@ -94,18 +86,11 @@ def lap(make_drive, turn=1.0, beside=0.0, obstacles=1):
 
 
 @pytest.mark.parametrize('turn', [1.0, -1.0])
-def test_the_circle_of_a_drive_is_found_whichever_way_it_turns(make_drive, turn):
-    result = frame_distances.find_circle(lap(make_drive, turn))
-    assert (result.radius, result.turn) == (pytest.approx(RADIUS), turn)
-    assert result.station == pytest.approx(60.0)
-    assert result.inside == pytest.approx(1.0)
-    assert result.reach == pytest.approx(REACH)
-
-
-@pytest.mark.parametrize('turn', [1.0, -1.0])
 def test_recorded_poses_give_the_closed_forms_of_where_they_are(make_drive, turn):
     result = lap(make_drive, turn, beside=0.3)
     circle = frame_distances.find_circle(result)
+    assert (circle.radius, circle.turn) == (pytest.approx(RADIUS), turn)
+    assert (circle.station, circle.inside, circle.reach) == pytest.approx((60.0, 1.0, REACH))
     driven = frame_distances.driven_distances(result, circle)
     assert driven.inside == pytest.approx(np.full(len(driven.inside), 0.3), abs=1e-9)
     assert driven.station == pytest.approx(np.linspace(0.0, 120.0, 5001), abs=1e-9)
@@ -129,22 +114,14 @@ def test_figure_and_numbers_of_a_drive_are_written(make_drive, tmp_path):
         assert recorded['overestimation_m'][side] == pytest.approx(closed, abs=2e-3)
 
 
-def test_two_obstacles_or_a_straight_road_have_no_such_figure(make_drive):
-    with pytest.raises(BagError, match='one obstacle'):
-        frame_distances.find_circle(lap(make_drive, obstacles=2))
-    result = lap(make_drive)
-    straight = np.column_stack([np.arange(100.0), np.zeros(100)])
-    with pytest.raises(BagError, match='no circle'):
-        frame_distances.find_circle(
-            result._replace(scene=result.scene._replace(reference=straight))
-        )
-
-
-def test_a_moving_obstacle_has_no_such_figure(make_drive):
-    result = lap(make_drive)
-    item = result.scene.obstacles[0]
-    moving = item._replace(x=item.x + np.linspace(0.0, 3.0, len(item.x)))
-    with pytest.raises(BagError, match='moves'):
-        frame_distances.find_circle(
-            result._replace(scene=result.scene._replace(obstacles=(moving,)))
-        )
+@pytest.mark.parametrize('why', ['one obstacle', 'no circle', 'moves'])
+def test_other_drives_have_no_such_figure(make_drive, why):
+    result = lap(make_drive, obstacles=2 if why == 'one obstacle' else 1)
+    scene, item = result.scene, result.scene.obstacles[0]
+    if why == 'no circle':
+        scene = scene._replace(reference=np.column_stack([np.arange(100.0), np.zeros(100)]))
+    if why == 'moves':
+        moving = item._replace(x=item.x + np.linspace(0.0, 3.0, len(item.x)))
+        scene = scene._replace(obstacles=(moving,))
+    with pytest.raises(BagError, match=why):
+        frame_distances.find_circle(result._replace(scene=scene))

@@ -16,15 +16,19 @@ def circle(radius, turns, n):
     return radius * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)])
 
 
-def test_distance_is_positive_on_the_left_and_negative_on_the_right():
-    points = [[5.0, 1.0], [5.0, -2.0], [9.0, 8.0], [12.0, 5.0]]
-    assert geometry.distance_to_polyline(points, CORNER) == pytest.approx([1.0, -2.0, 1.0, -2.0])
-
-
-def test_beyond_a_vertex_the_distance_is_that_to_the_vertex():
-    outside_the_corner, before_the_start = [13.0, -4.0], [-3.0, 4.0]
-    distance = geometry.distance_to_polyline([outside_the_corner, before_the_start], CORNER)
-    assert distance == pytest.approx([-5.0, 5.0])
+@pytest.mark.parametrize(
+    ('point', 'distance'),
+    [
+        pytest.param([5.0, 1.0], 1.0, id='left'),
+        pytest.param([5.0, -2.0], -2.0, id='right'),
+        pytest.param([9.0, 8.0], 1.0, id='inside the corner'),
+        pytest.param([12.0, 5.0], -2.0, id='outside of it'),
+        pytest.param([13.0, -4.0], -5.0, id='beyond the corner: to the vertex'),
+        pytest.param([-3.0, 4.0], 5.0, id='before the start'),
+    ],
+)
+def test_distance_is_positive_on_the_left_and_negative_on_the_right(point, distance):
+    assert geometry.distance_to_polyline([point], CORNER) == pytest.approx([distance])
 
 
 @settings(max_examples=60)
@@ -158,6 +162,15 @@ def test_the_gap_does_not_depend_on_where_the_scene_stands(x, y, yaw, ahead):
     cy = y + ahead * np.sin(yaw) + 2.5 * np.cos(yaw)
     there = geometry.gap_to_circle(x, y, yaw, CAR, cx, cy, 1.0)
     assert there == pytest.approx(here, abs=1e-9)
+
+
+def test_points_of_an_outline_begin_and_end_at_its_corners():
+    points = geometry.outline_points(geometry.Outline(2.0, 3.0, 1.8), 0.6)
+    assert np.abs(points[:, 1]).tolist() == [0.9] * len(points)
+    assert (points[:, 0].min(), points[:, 0].max()) == (-3.0, 2.0)
+    assert np.diff(np.unique(points[:, 0])).max() <= 0.6
+    (turned,) = geometry.transform_to_map(points[:1], *np.array([[5.0], [7.0], [np.pi / 2]]))
+    assert turned[0] == pytest.approx([5.0 - 0.9, 7.0 - 3.0])
 
 
 def test_the_gap_vanishes_on_the_outline_that_is_drawn():

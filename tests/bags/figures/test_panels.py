@@ -1,143 +1,140 @@
-"""The closest approaches are enlarged where the panel has room for them."""
+"""What a figure tells: every run in its own look, units, legends, limits that hide nothing."""
+
+import itertools
 
 import numpy as np
 import pytest
 from evaluated_drives import evaluate_runs
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from matplotlib.figure import Figure
+from straight_drive import drive_of, straight_scene
 
 from bags.evaluation.drive import Obstacle
 from bags.figures import comparison_figures, panels, style
+from bags.report import interactive_panels
 
 
-def obstacle(number, x, y):
+def obstacle(number, x, y, vx=0.0, radius=1.0):
     still = np.zeros(101)
-    return Obstacle(number, np.full(101, x), np.full(101, y), still, still, 1.0)
+    return Obstacle(number, x + vx * np.arange(101) * 0.05, still + y, still + vx, still, radius)
 
 
-@pytest.fixture
-def enlarged(make_drive):
-    """Return of(obstacles): the axes that enlarge parts of the panel of a straight drive."""
-
-    def of(*obstacles):
-        scene = make_drive().scene._replace(obstacles=obstacles)
-        item = make_drive(scene=scene)
-        ax = comparison_figures.Figure().add_subplot()
-        panels.draw_v2o(ax, evaluate_runs({'mpcc': item}))
-        return ax.child_axes
-
-    return of
-
-
-def test_a_closest_approach_is_enlarged_with_its_unsafe_area(enlarged):
-    # circles of 1.1 m and 1.0 m, 2.5 m apart
-    (inner,) = enlarged(obstacle(1, 50.0, 2.5))
-    assert inner.get_title() == 'obstacle 1'
-    drawn = inner.get_lines()[0].get_ydata()
-    assert drawn.min() == pytest.approx(0.4, abs=1e-6)
-    assert drawn.max() < panels.NEAR_M
-    low, high = inner.get_xlim()
-    assert low < 50.0 < high
-    assert len(inner.patches) == 2
-
-
-def test_what_stays_far_away_is_not_enlarged(enlarged):
-    assert enlarged(obstacle(1, 50.0, 2.1 + panels.NEAR_M + 0.1)) == []
-
-
-def test_two_approaches_do_not_cover_each_other_or_the_curves(enlarged):
-    first, second = enlarged(obstacle(1, 30.0, 2.5), obstacle(2, 70.0, 2.5))
-    assert {first.get_title(), second.get_title()} == {'obstacle 1', 'obstacle 2'}
-    spans = sorted(item.get_position(original=True).intervalx.tolist() for item in (first, second))
-    assert spans[0][1] < spans[1][0]
-
-
-def test_without_room_beside_it_nothing_is_enlarged(enlarged):
-    many = [obstacle(k, 5.0 + 15.0 * k, 2.5) for k in range(7)]
-    assert enlarged(*many) == []
-
-
-def test_a_tuned_controller_looks_like_the_untuned_one_unless_both_are_shown():
-    alone = style.assign_colours(['mpcc_tuned', 'frenet'])
-    assert alone == {'mpcc_tuned': style.KNOWN['mpcc'], 'frenet': style.KNOWN['frenet']}
-    both = style.assign_colours(['mpcc', 'mpcc_tuned'])
-    assert both['mpcc'] == style.KNOWN['mpcc'] != both['mpcc_tuned']
-    tuned, plain = (style.assign_looks([name]) for name in ('mpcc_no_ca_tuned', 'mpcc_no_ca'))
-    assert tuned['mpcc_no_ca_tuned'].dash == plain['mpcc_no_ca'].dash == style.DASHED
-
-
-def test_curves_that_coincide_stay_visible_and_every_run_has_a_dash_of_its_own():
-    looks = style.assign_looks(['mpcc', 'mpcc_no_ca', 'frenet', 'own', 'another'])
-    widths = [look.width for look in looks.values()]
-    assert widths == sorted(widths, reverse=True)
-    assert len(set(widths)) == len(widths)
-    assert len({(look.colour, look.dash) for look in looks.values()}) == len(looks)
-    assert len({looks[name].dash for name in style.KNOWN}) == len(style.KNOWN)
-    assert len({look.dash for look in looks.values()}) > 3
-    assert looks['own'].dash != looks['another'].dash not in {looks[n].dash for n in style.KNOWN}
-    # what is drawn over a solid line has gaps that show it
-    assert looks['mpcc'].dash == style.SOLID
-    assert looks['frenet'].dash != style.SOLID
-
-
-def simulate_colour_blindness(colour, matrix):
-    """Return the linear RGB that a dichromat sees (Machado et al. 2009, severity 1)."""
-    rgb = np.array([int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5)])
-    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-    return np.clip(np.array(matrix) @ linear, 0.0, 1.0)
-
-
-def lab(linear):
-    """Return CIELAB of linear sRGB, white D65."""
-    xyz = (
-        np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
-        @ linear
-        / np.array([0.9505, 1.0, 1.089])
+@pytest.fixture(scope='module')
+def runs():
+    """Return three runs past an obstacle that stands and one that moves."""
+    scene = straight_scene((obstacle(1, 60.0, -3.5), obstacle(2, 20.0, 4.0, vx=5.0, radius=0.5)))
+    return evaluate_runs(
+        {name: drive_of(scene=scene, controller=name) for name in ('mpcc', 'mpcc_no_ca', 'own')}
     )
-    f = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116)
-    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+def trajectories(runs):
+    axes = Figure().add_subplot()
+    comparison_figures.draw_trajectories(axes, runs)
+    return axes
+
+
+def test_a_figure_shows_every_run_in_its_own_colour_and_has_units(runs):
+    colours = {run.look.colour for run in runs}
+    assert len(colours) == len(runs)
+    for name, panel in comparison_figures.PANELS.items():
+        axes = Figure().add_subplot()
+        panel(axes, runs)
+        assert {line.get_color() for line in axes.get_lines()} >= colours, name
+        assert '[' in axes.get_xlabel()
+        assert '[' in axes.get_ylabel()
+
+
+AREAS = ['within the safety distance', 'circles overlap']
 
 
 @pytest.mark.parametrize(
-    'matrix',
+    ('name', 'marks'),
+    [('trajectories', ['coarse path', *AREAS]), ('v2o', AREAS), ('sideslip', [])],
+)
+def test_a_legend_lists_what_its_panel_shows(runs, name, marks):
+    (legend,) = comparison_figures.draw_figure(name, runs, '').legends
+    assert [text.get_text() for text in legend.get_texts()] == [run.name for run in runs] + marks
+
+
+def test_whole_cars_and_obstacles_are_in_view_and_what_moves_has_times(runs):
+    axes = trajectories(runs)
+    assert axes.get_xlim()[0] < -runs[0].drive.facts.outline.rear
+    assert {'0.0 s', '1.2 s', '2.4 s'} <= {text.get_text() for text in axes.texts}
+    still = trajectories(evaluate_runs({'mpcc': drive_of()}))
+    assert not [text for text in still.texts if text.get_gid() == style.TIME_LABEL]
+    for y, is_seen in ((-6.0, True), (-40.0, False)):
+        scene = straight_scene([obstacle(1, 60.0, y, radius=3.0)])
+        low, _ = comparison_figures.road_limits(evaluate_runs({'mpcc': drive_of(scene=scene)}))
+        assert (low[1] <= y - 3.0) == is_seen
+
+
+@pytest.mark.parametrize(
+    ('crowd', 'titles'),
     [
-        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-        [  # protanopia
-            [0.152286, 1.052583, -0.204868],
-            [0.114503, 0.786281, 0.099216],
-            [-0.003882, -0.048116, 1.051998],
-        ],
-        [  # deuteranopia
-            [0.367322, 0.860646, -0.227968],
-            [0.280085, 0.672501, 0.047413],
-            [-0.011820, 0.042940, 0.968881],
-        ],
+        ([obstacle(1, 50.0, 2.5)], ['obstacle 1']),
+        ([obstacle(1, 50.0, 2.1 + panels.NEAR_M + 0.1)], []),
+        ([obstacle(1, 30.0, 2.5), obstacle(2, 70.0, 2.5)], ['obstacle 1', 'obstacle 2']),
+        ([obstacle(k, 5.0 + 15.0 * k, 2.5) for k in range(7)], []),  # no room beside it
     ],
 )
-def test_the_colours_of_the_known_controllers_differ_for_colour_blind_readers(matrix):
-    seen = [lab(simulate_colour_blindness(colour, matrix)) for colour in style.KNOWN.values()]
-    for k, one in enumerate(seen):
-        for other in seen[k + 1 :]:
-            assert np.linalg.norm(one - other) > 20.0
+def test_closest_approaches_are_enlarged_where_there_is_room(crowd, titles):
+    ax = Figure().add_subplot()
+    panels.draw_v2o(ax, evaluate_runs({'mpcc': drive_of(scene=straight_scene(crowd))}))
+    assert sorted(inner.get_title() for inner in ax.child_axes) == titles
+    spans = sorted(a.get_position(original=True).intervalx.tolist() for a in ax.child_axes)
+    assert all(before[1] < after[0] for before, after in itertools.pairwise(spans))
+    for inner in ax.child_axes:
+        drawn = inner.get_lines()[0].get_ydata()
+        # circles of 1.1 m and 1.0 m, 2.5 m apart
+        assert drawn.min() == pytest.approx(0.4, abs=1e-6)
+        assert drawn.max() < panels.NEAR_M
 
 
-def test_an_axis_is_not_filled_by_noise_and_holds_every_value():
+def test_a_panel_of_obstacles_without_any_says_so():
+    axes = Figure().add_subplot()
+    panels.draw_v2o(axes, evaluate_runs({'mpcc': drive_of()}))
+    assert 'no obstacle within 5 m' in {text.get_text() for text in axes.texts}
+
+
+def test_an_axis_is_not_filled_by_noise_and_holds_every_value(runs):
     noise = 20.0 + 0.01 * np.sin(np.arange(100.0))
     low, high = panels.axis_limits('velocity', [noise])
     assert high - low == pytest.approx(panels.LEAST_SPANS['velocity'])
     low, high = panels.axis_limits('velocity', [noise, np.array([3.0, np.nan, 31.0])])
     assert low < 3.0 < 31.0 < high
-    low, high = panels.axis_limits('sideslip', [np.full(3, np.nan)])
-    assert (low, high) == (-1.0, 1.0)
+    assert panels.axis_limits('sideslip', [np.full(3, np.nan)]) == (-1.0, 1.0)
+    gg = Figure().add_subplot()
+    panels.draw_gg(gg, runs)
+    assert gg.get_xlim() == gg.get_ylim()
 
 
-def test_of_labels_that_cover_each_other_the_first_stays():
-    figure = comparison_figures.Figure(figsize=(4, 2))
-    FigureCanvasAgg(figure)
-    ax = figure.add_subplot()
-    texts = [ax.text(x, 0.5, '1.2 s', gid=style.TIME_LABEL) for x in (0.1, 0.12, 0.6)]
-    other = ax.text(0.1, 0.5, 'no time')
-    style.hide_overlapping(figure, style.TIME_LABEL)
-    assert [text.get_visible() for text in (*texts, other)] == [True, False, True, True]
+# looks
+
+
+def test_a_controller_keeps_its_colour_and_a_tuned_one_that_of_the_untuned():
+    known = style.KNOWN
+    for names in (['mpcc', 'frenet'], ['mpcc_tuned', 'frenet'], ['frenet', 'own']):
+        colours = style.assign_colours(names)
+        assert colours['frenet'] == known['frenet']
+        assert colours[names[0]] == known[names[0].removesuffix('_tuned')]
+    both = style.assign_colours(['mpcc', 'mpcc_tuned'])
+    assert both['mpcc'] == known['mpcc'] != both['mpcc_tuned']
+    many = [f'own_{k}' for k in range(12)]
+    assert list(style.assign_colours(many)) == many
+    tuned = style.assign_looks(['mpcc_no_ca_tuned'])
+    assert tuned['mpcc_no_ca_tuned'].dash == style.DASHED
+
+
+def test_curves_that_coincide_stay_visible_and_every_run_has_a_dash_of_its_own():
+    looks = style.assign_looks(['mpcc', 'mpcc_no_ca', 'frenet', 'own', 'another'])
+    widths = [look.width for look in looks.values()]
+    assert widths == sorted(set(widths), reverse=True)
+    assert len({look.dash for look in looks.values()}) == len(looks)
+    # what is drawn over a solid line has gaps that show it
+    assert looks['mpcc'].dash == style.SOLID
 
 
 def test_many_runs_of_a_controller_share_a_colour_and_a_line_of_the_legend():
@@ -147,11 +144,34 @@ def test_many_runs_of_a_controller_share_a_colour_and_a_line_of_the_legend():
     assert len({look.colour for look in looks.values()}) == 3
     assert looks['mpcc@0'].colour == style.KNOWN['mpcc']
     assert {look.width for look in looks.values()} == {style.MANY_WIDTH}
-    assert list(style.legend_looks(looks, controllers)) == [
-        *('mpcc: 10 runs', 'frenet: 10 runs', 'own: 10 runs'),
-    ]
+    wanted = ['mpcc: 10 runs', 'frenet: 10 runs', 'own: 10 runs']
+    assert list(style.legend_looks(looks, controllers)) == wanted
     # so many controllers have no colours that are told apart
-    looks = style.assign_looks(names, names)
-    assert list(style.legend_looks(looks, names)) == ['30 runs']
+    assert list(style.legend_looks(style.assign_looks(names, names), names)) == ['30 runs']
     few = style.assign_looks(names[:3], controllers[:3])
     assert style.legend_looks(few, controllers[:3]) == few
+
+
+# of the page
+
+
+@given(
+    arrays.arrays(
+        float, st.integers(1, 400), elements=st.one_of(st.floats(-1e6, 1e6), st.just(np.nan))
+    ),
+    st.integers(1, 40),
+)
+def test_thinning_keeps_extremes_gaps_ends_and_order(values, bins):
+    kept = interactive_panels.decimate(values, bins)
+    assert np.all(np.diff(kept) > 0)
+    assert (kept[0], kept[-1]) == (0, len(values) - 1)
+    assert len(kept) <= 3 * bins + 2
+    bounds = np.linspace(0, len(values), bins + 1).astype(int)
+    for first, after in itertools.pairwise(bounds):
+        inside, stretch = values[kept[(kept >= first) & (kept < after)]], values[first:after]
+        assert np.isnan(stretch).any() == np.isnan(inside).any()
+        if not np.isnan(stretch).all():
+            assert (np.nanmin(inside), np.nanmax(inside)) == (
+                np.nanmin(stretch),
+                np.nanmax(stretch),
+            )

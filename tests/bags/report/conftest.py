@@ -78,14 +78,8 @@ def _controller_log(one, name):
 
 
 @pytest.fixture(scope='session')
-def make_runs():
-    """Return make_runs(drives): what the figures draw."""
-    return evaluate_runs
-
-
-@pytest.fixture(scope='session')
-def runs(make_runs, drives, logs):
-    made = make_runs(drives)
+def runs(drives, logs):
+    made = evaluate_runs(drives)
     for run in made:
         run.log = logs[run.name]
     return made

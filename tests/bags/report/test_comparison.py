@@ -1,5 +1,6 @@
-"""Bags in, one JSON file, a table and figures out."""
+"""Bags in; one JSON file, CSV, a table, figures and a page out: what a user reads in each."""
 
+import csv
 import io
 import json
 
@@ -7,25 +8,35 @@ import numpy as np
 import pytest
 from evaluated_drives import compare_drives, evaluate_runs
 from rich.console import Console
+from straight_drive import drive_of
 
 from bags import cli, metrics_table
 from bags.errors import BagError
 from bags.evaluation import metrics
 from bags.evaluation.drive import Obstacle
-from bags.evaluation.metrics.registry import METRICS
-from bags.figures import comparison_figures, panels, style
+from bags.evaluation.metrics import registry
+from bags.figures import comparison_figures
 from bags.report import comparison as comparison_module
+from bags.report.comparability import check_comparable
 from bags.report.comparison import show_comparison
+from experiments.run import node_graph, run_and_compare
 from scenario_publisher.scenario import load as load_scenario
 
 DAMAGE = {'mpcc': 'mpcc_0.mcap: damaged at byte 7 (cut); read up to there'}
+THREE = ('mpcc', 'mpcc_no_ca', 'frenet')
 
 
 @pytest.fixture(scope='module')
-def drives(drives, make_drive):
-    """Return three drives past two obstacles, one of which moves."""
-    third = make_drive(scene=drives['mpcc'].scene, controller='mpcc_no_ca')
-    return {'mpcc': drives['mpcc'], 'mpcc_no_ca': third, 'own': drives['own']}
+def drives(drives):
+    """Return a sound drive past two obstacles, one that left the road, and one that spun."""
+    spun = drive_of(scene=drives['mpcc'].scene, controller='spun')
+    angle = np.radians(2.0 * spun.motion.x)
+    motion = spun.motion._replace(vx=20.0 * np.cos(angle), vy=20.0 * np.sin(angle))
+    return {
+        'mpcc': drives['mpcc'],
+        'off': drive_of(scene=drives['mpcc'].scene, controller='off', y=lambda x: x / 10.0),
+        'spun': spun._replace(motion=motion),
+    }
 
 
 @pytest.fixture(scope='module')
@@ -34,284 +45,195 @@ def comparison(drives, tmp_path_factory):
 
 
 @pytest.fixture(scope='module')
-def cut(drives, tmp_path_factory):
-    """The same runs compared again, when the bag of one was cut."""
-    return compare_drives(drives, tmp_path_factory.mktemp('cut'), {'damage': DAMAGE})
+def again(drives, comparison, tmp_path_factory):
+    """Return the same runs compared in the place of another comparison, when a bag was cut."""
+    folder = tmp_path_factory.mktemp('cut')
+    (folder / 'comparison.json').write_text(comparison.file.read_text())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(comparison_figures, 'write_figures', lambda *given: None)
+        return compare_drives(drives, folder, {'damage': DAMAGE})
 
 
-def on_the_road_of_the_paper(drives, speed_mps=None):
-    """Return drives past the obstacles of `double_lane_change`, at its speed unless given."""
-    still = np.zeros(101)
-    scn = load_scenario('double_lane_change')
-    obstacles = tuple(
-        Obstacle(k, still + one.X, still + one.Y, still, still, one.r_obs)
-        for k, one in enumerate(scn.obstacles.items, 1)
-    )
-    ((_, speed),) = scn.speeds
-    scene = drives['mpcc'].scene._replace(obstacles=obstacles, desired_mps=speed_mps or speed)
-    return {name: drive._replace(scene=scene) for name, drive in drives.items()}
-
-
-def test_the_manoeuvre_of_the_paper_is_that_of_the_scenario():
-    scn = load_scenario('double_lane_change')
-    places = tuple((one.X, one.Y) for one in scn.obstacles.items)
-    assert places == metrics_table.PAPER_OBSTACLES_M
-    assert [speed for _, speed in scn.speeds] == [metrics_table.PAPER_SPEED_MPS]
-
-
-def test_another_desired_speed_is_not_the_manoeuvre_of_the_paper(drives, tmp_path):
-    faster = on_the_road_of_the_paper(drives, speed_mps=22.0)
-    assert 'of_paper' not in compare_drives(faster, tmp_path).values
-
-
-def test_the_name_of_a_scenario_makes_it_no_manoeuvre_of_the_paper(drives, tmp_path):
-    named = {
-        name: drive._replace(facts=drive.facts._replace(scenario='double_lane_change_of_mine'))
-        for name, drive in drives.items()
-    }
-    assert 'of_paper' not in compare_drives(named, tmp_path).values
-
-
-def test_the_file_holds_the_metrics_of_every_run_and_nothing_else(drives, comparison):
-    values = json.loads(comparison.file.read_text())
-    assert list(values) == ['scenario', 'runs']
-    assert values['scenario'] == 'straight'
-    assert values['runs'] == {name: metrics.compute_metrics(item) for name, item in drives.items()}
-
-
-def test_every_panel_and_the_sheet_are_drawn_as_png_and_svg(comparison):
-    wanted = set(comparison_figures.ALL)
-    assert {path.stem for path in comparison.figures} == wanted
-    assert len(comparison.figures) == 2 * len(wanted)
-    for path in comparison.figures:
-        data = path.read_bytes()
-        assert data.startswith(b'\x89PNG' if path.suffix == '.png' else b'<?xml')
-        assert len(data) > 10_000
-
-
-def test_the_same_runs_give_the_same_figures(comparison, cut):
-    for item, other in zip(comparison.figures, cut.figures, strict=True):
-        assert item.read_bytes() == other.read_bytes(), item.name
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Draw no figures, which takes seconds."""
+    monkeypatch.setattr(comparison_figures, 'write_figures', lambda *given: None)
 
 
 @pytest.fixture(scope='module')
-def runs(make_runs, drives):
-    return make_runs(drives)
+def runs(comparison):
+    return comparison.values['runs']
 
 
-def test_a_figure_shows_every_run_in_its_own_colour(runs):
-    colours = {run.look.colour for run in runs}
-    assert len(colours) == len(runs)
-    for name, panel in comparison_figures.PANELS.items():
-        axes = comparison_figures.Figure().add_subplot()
-        panel(axes, runs)
-        drawn = {line.get_color() for line in axes.get_lines()}
-        assert drawn >= colours, name
-        assert axes.get_xlabel()
-        assert axes.get_ylabel()
-        assert '[' in axes.get_xlabel()
+def printed(comparison, width=140):
+    console = Console(file=io.StringIO(), width=width)
+    show_comparison(comparison, console)
+    return console.file.getvalue()
+
+
+def table_of(runs, width=80):
+    console = Console(file=io.StringIO(), width=width)
+    console.print(metrics_table.build_table({'scenario': 's', 'runs': runs}))
+    return console.file.getvalue()
+
+
+def test_the_files_hold_the_metrics_of_every_run_digit_for_digit(drives, comparison, runs):
+    values = json.loads(comparison.file.read_text())
+    assert list(values) == ['scenario', 'runs']
+    assert values['scenario'] == 'straight'
+    assert values['runs'] == runs
+    assert runs == {name: metrics.compute_metrics(item) for name, item in drives.items()}
+    rows = {row['metric']: row for row in csv.DictReader(comparison.sheet.open())}
+    for name, result in runs.items():
+        assert float(rows['rms_contouring_m'][name]) == result['rms_contouring_m']
+        assert float(rows['solve_ms.p99'][name]) == result['solve_ms']['p99']
+        assert rows['completed'][name] == str(result['completed']).lower()
+        assert rows['brake_onset_at_m'][name] == ''
+    uneven = {'a': {'overshoots': [{'x_m': 1.5}]}, 'b': {'overshoots': []}}
+    assert metrics_table.metrics_csv(uneven) == 'metric,a,b\novershoots.0.x_m,1.5,\n'
+
+
+def test_every_verdict_is_below_the_table_and_in_the_report(comparison, runs):
+    page, shown = ' '.join(comparison.report.read_text().split()), printed(comparison)
+    for name, result in runs.items():
+        assert f'{name}: {result["verdict"]}\n' in shown
+        assert f'<strong>{name}</strong>: {result["verdict"]}</li>' in page
+    assert 'comparison.json' in shown
+    assert 'replaces' not in shown
+
+
+def test_nothing_is_green_beside_a_lost_car(runs):
+    cells = {line.title: line.cells for line in metrics_table.table_lines(runs)}
+    for title, (sound, *lost) in cells.items():
+        assert True not in [cell.good for cell in lost], title
+        if title in ('completed', 'collided', 'left the road', 'lost control'):
+            assert sound.good is True, title
+    assert [cell.text for cell in cells['lost control']] == ['no', 'no', 'spun']
+    assert [cell.text for cell in cells['left the road']] == ['no', 'yes', 'no']
+    assert cells['lost control'][2].good is cells['left the road'][1].good is False
+    # backwards a car reaches any angle; what is recorded stays
+    sound, _, spun = cells['peak sideslip angle']
+    assert (sound.text, spun.text) == (f'{runs["mpcc"]["peak_sideslip_deg"]:.1f}', 'spun')
+    assert runs['spun']['peak_sideslip_deg'] > 90.0
+
+
+def test_what_a_run_does_not_have_is_a_dash_and_what_no_run_has_is_no_row(runs):
+    alone = table_of({'mpcc': metrics.compute_metrics(drive_of())})
+    (nearest,) = (line for line in alone.splitlines() if 'min distance to obstacle' in line)
+    assert '–' in nearest
+    assert 'outline beyond the edge' not in alone
+    assert 'outline beyond the edge' in table_of(runs)
+
+
+def test_the_table_has_a_row_per_metric_and_fits_into_a_plain_terminal(runs):
+    for result in (runs['mpcc'], runs['off'] | {'lost': True, 'lost_how': 'spun'}):
+        shown = table_of(dict.fromkeys(THREE, result))
+        assert max(map(len, shown.splitlines())) <= 80
+        assert '…' not in shown
+    for row in registry.METRICS.values():
+        assert row.title.partition('{')[0] in shown, row
+    assert 'obstacle 1' in shown
+    assert 'm/s²' in shown
+
+
+def test_many_runs_are_rows_of_the_table(runs):
+    many = {f'own@{k:02d}': runs['mpcc'] for k in range(30)}
+    shown = table_of(many)
+    assert max(map(len, shown.splitlines())) <= 80
+    assert [line.split()[0] for line in shown.splitlines()[-30:]] == list(many)
+
+
+def test_a_cut_bag_and_a_comparison_that_is_replaced_are_said(again):
+    assert again.replaced == ('mpcc', 'off', 'spun')
+    shown = printed(again)
+    assert shown.splitlines()[0] == DAMAGE['mpcc']
+    (head,) = (line for line in shown.splitlines() if 'metric' in line and 'unit' in line)
+    assert head.split() == ['metric', 'unit', 'mpcc,', 'bag', 'cut', 'off', 'spun']
+    assert json.loads(again.file.read_text())['damage'] == DAMAGE
+    said = 'replaces the comparison that was there, of mpcc, off, spun; --out DIR keeps both'
+    assert said in shown
+    many = printed(again._replace(replaced=tuple(map(str, range(30)))))
+    assert 'replaces the comparison that was there, of 30 runs' in many
+
+
+def test_ticks_in_which_the_solver_stopped_early_are_counted_below_the_table(comparison, runs):
+    early = runs | {'off': runs['off'] | {'stopped_early': 3, 'ticks': 160}}
+    shown = printed(comparison._replace(values=comparison.values | {'runs': early}))
+    lines = [line for line in shown.splitlines() if 'stopped early' in line]
+    assert lines == ['off: solver stopped early in 3 of 160 ticks']
 
 
 @pytest.mark.parametrize(
-    ('name', 'marks'),
+    ('faster', 'named', 'of_paper'), [(0.0, 'mine', True), (1.2, 'mine', False)]
+)
+def test_the_manoeuvre_of_the_paper_has_its_solve_times_whatever_it_is_called(
+    undrawn, tmp_path, faster, named, of_paper
+):
+    scenario = load_scenario('double_lane_change')
+    ((_, speed),) = scenario.speeds
+    still = np.zeros(101)
+    obstacles = tuple(
+        Obstacle(k, still + one.X, still + one.Y, still, still, one.r_obs)
+        for k, one in enumerate(scenario.obstacles.items, 1)
+    )
+    scene = drive_of().scene._replace(obstacles=obstacles, desired_mps=speed + faster)
+    result = compare_drives({'mpcc': drive_of(scene=scene, scenario=named)}, tmp_path)
+    shown = printed(result)
+    assert ('of_paper' in result.values) == of_paper
+    assert ('<th scope="col">paper</th>' in result.report.read_text()) == of_paper
+    assert (metrics_table.PAPER_NOTE.split()[-1] in shown) == of_paper
+    lines = [line.split()[-1] for line in shown.splitlines() if 'solve time, ' in line]
+    assert (lines[0], lines[-1]) == (('15.6', '18.6') if of_paper else ('5.0', '5.0'))
+
+
+def test_the_name_of_a_scenario_makes_it_no_manoeuvre_of_the_paper(drives):
+    facts = drives['mpcc'].facts._replace(scenario='double_lane_change')
+    assert metrics_table.drives_of_paper([drives['mpcc']._replace(facts=facts)]) == {}
+
+
+def test_figures_are_drawn_and_the_same_runs_give_the_same(drives, comparison, tmp_path):
+    assert {path.stem for path in comparison.figures} == set(comparison_figures.ALL)
+    assert len(comparison.figures) == 2 * len(comparison_figures.ALL)
+    for item in comparison.figures:
+        data = item.read_bytes()
+        assert data.startswith(b'\x89PNG' if item.suffix == '.png' else b'<?xml')
+        assert len(data) > 10_000
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(comparison_figures, 'ALL', ('trajectories', 'v2o'))
+        comparison_figures.write_figures(evaluate_runs(drives), 'straight', tmp_path)
+    for file in tmp_path.iterdir():
+        (before,) = (item for item in comparison.figures if item.name == file.name)
+        assert file.read_bytes() == before.read_bytes(), file.name
+
+
+# which runs are comparable, and what they are called
+PLANT = {'friction': 1.0, 'car.body.mass_kg': 1850.0, 'mode': 'lockstep', 'tyre_set': 'a.yaml'}
+
+
+def info(scenario='s', sha='1', **plant):
+    entries = {'plant': {**PLANT, **plant}, 'controller': {'weight': 1.0}}
+    return {'scenario': scenario, 'scenario_sha256': sha, 'parameters': json.dumps(entries)}
+
+
+@pytest.mark.parametrize(
+    ('other', 'said'),
     [
-        ('trajectories', ['coarse path', 'within the safety distance', 'circles overlap']),
-        ('v2o', ['within the safety distance', 'circles overlap']),
-        ('sideslip', []),
+        (info(mode='realtime', tyre_set='/elsewhere/a.yaml'), ''),
+        (info(scenario='t', sha='2'), "different scenarios ('s' and 't')"),
+        (info(sha='2'), "two versions of 's'"),
+        (info(friction=0.9), 'different plants (friction 1.0 and 0.9)'),
+        (info(**{f'car.p{k}': 1.0 for k in range(9)}), 'and 6 more'),
+        ({'scenario': 's', 'scenario_sha256': '1'}, 'car.body.mass_kg 1850.0 and unknown'),
     ],
 )
-def test_a_legend_lists_what_its_panel_shows(runs, name, marks):
-    (legend,) = comparison_figures.draw_figure(name, runs, '').legends
-    assert [text.get_text() for text in legend.get_texts()] == [run.name for run in runs] + marks
-
-
-def test_a_legend_of_long_names_is_within_the_figure(runs):
-    long = panels.assign({f'{run.name}_with_a_long_name_of_its_own': run for run in runs})
-    figure = comparison_figures.draw_figure('v2o', long, '')
-    (legend,) = figure.legends
-    figure.draw_without_rendering()
-    box = legend.get_window_extent()
-    assert box.x0 >= 0.0
-    assert box.x1 <= figure.bbox.x1
-    assert len({round(text.get_window_extent().y0) for text in legend.get_texts()}) > 1
-
-
-def test_a_whole_car_is_seen_at_the_start(runs):
-    axes = comparison_figures.Figure().add_subplot()
-    comparison_figures.draw_trajectories(axes, runs)
-    assert axes.get_xlim()[0] < -runs[0].drive.facts.outline.rear
-
-
-def test_a_moving_obstacle_and_the_car_are_drawn_with_their_times(runs, make_drive):
-    axes = comparison_figures.Figure().add_subplot()
-    comparison_figures.draw_trajectories(axes, runs)
-    times = {text.get_text() for text in axes.texts}
-    assert {'0.0 s', '1.2 s', '2.4 s'} <= times
-    still = comparison_figures.Figure().add_subplot()
-    item = make_drive()
-    comparison_figures.draw_trajectories(still, evaluate_runs({'mpcc': item}))
-    assert not [text for text in still.texts if text.get_gid() == style.TIME_LABEL]
-
-
-def test_a_panel_of_obstacles_without_any_says_so(make_drive):
-    item = make_drive()
-    axes = comparison_figures.Figure().add_subplot()
-    panels.draw_v2o(axes, evaluate_runs({'mpcc': item}))
-    assert 'no obstacle within 5 m' in {text.get_text() for text in axes.texts}
-
-
-def test_small_changes_of_speed_look_small_and_accelerations_have_one_scale(runs):
-    speed, gg = comparison_figures.Figure().subplots(1, 2)
-    motion = runs[0].drive.motion
-    wavy = motion._replace(vx=20.0 + 0.1 * np.sin(motion.x))
-    wave = evaluate_runs({'mpcc': runs[0].drive._replace(motion=wavy)})
-    comparison_figures.PANELS['velocity'](speed, wave)
-    assert np.ptp(speed.get_ylim()) == pytest.approx(panels.LEAST_SPANS['velocity'])
-    panels.draw_gg(gg, runs)
-    assert gg.get_xlim() == gg.get_ylim()
-    assert gg.get_aspect() == 1.0
-
-
-def test_a_controller_keeps_its_colour_whoever_else_drives():
-    assert (
-        style.assign_colours(['mpcc', 'frenet'])['frenet']
-        == style.assign_colours(['frenet'])['frenet']
-    )
-    many = [f'own_{k}' for k in range(12)]
-    assert list(style.assign_colours(many)) == many
-
-
-def test_the_table_has_a_row_per_metric_and_the_papers_solve_times(drives, tmp_path):
-    of_paper = compare_drives(on_the_road_of_the_paper(drives), tmp_path)
-    assert '<th scope="col">paper</th>' in of_paper.report.read_text()
-    console = Console(file=io.StringIO(), width=140)
-    show_comparison(of_paper, console)
-    shown = console.file.getvalue()
-    for row in METRICS.values():
-        # the car stays on the road: how far it left it has no row
-        title = row.title.partition('{')[0]
-        assert (title in shown) == (row.name != 'beyond_edge_m'), row
-    assert 'obstacle 1' in shown
-    mean = next(line for line in shown.splitlines() if 'solve time, mean' in line)
-    assert mean.split()[-1] == '15.6'
-    most = next(line for line in shown.splitlines() if 'solve time, max' in line)
-    assert most.split()[-1] == '18.6'
-    assert 'comparison.json' in shown
-    assert 'replaces' not in shown
-    assert metrics_table.PAPER_NOTE.split()[-1] in shown
-
-
-@pytest.mark.parametrize(('y_m', 'radius_m', 'is_seen'), [(-6.0, 3.0, True), (-40.0, 3.0, False)])
-def test_an_obstacle_beside_the_cars_is_drawn_as_a_whole(make_runs, drives, y_m, radius_m, is_seen):
-    drive = drives['mpcc']
-    stands = drive.scene.obstacles[0]
-    beside = stands._replace(y=np.full_like(stands.y, y_m), radius=radius_m)
-    scene = drive.scene._replace(obstacles=(beside,))
-    low, _ = comparison_figures.road_limits(make_runs({'mpcc': drive._replace(scene=scene)}))
-    assert (low[1] <= y_m - radius_m) == is_seen
-
-
-def test_another_scenario_has_no_column_of_the_paper(comparison):
-    console = Console(file=io.StringIO(), width=140)
-    show_comparison(comparison, console)
-    shown = console.file.getvalue()
-    assert metrics_table.PAPER_NOTE.split()[-1] not in shown
-    (mean,) = (line for line in shown.splitlines() if 'solve time, mean' in line)
-    assert '15.6' not in mean
-    assert '<th scope="col">paper</th>' not in comparison.report.read_text()
-
-
-def test_a_comparison_in_the_place_of_another_says_so_and_how_to_keep_both(comparison):
-    again = comparison._replace(replaced=('mpcc', 'frenet'))
-    console = Console(file=io.StringIO(), width=140)
-    show_comparison(again, console)
-    said = 'replaces the comparison that was there, of mpcc, frenet; --out DIR keeps both'
-    assert said in console.file.getvalue()
-
-
-def test_ticks_in_which_the_solver_stopped_early_are_counted_below_the_table(comparison):
-    runs = {name: dict(values) for name, values in comparison.values['runs'].items()}
-    runs['own'] |= {'stopped_early': 3, 'ticks': 160}
-    console = Console(file=io.StringIO(), width=140)
-    show_comparison(comparison._replace(values=comparison.values | {'runs': runs}), console)
-    lines = [line for line in console.file.getvalue().splitlines() if 'stopped early' in line]
-    assert lines == ['own: solver stopped early in 3 of 160 ticks']
-
-
-def test_the_runs_of_the_comparison_that_was_there_are_read_from_it(drives, comparison, tmp_path):
-    assert comparison.replaced == ()
-    (tmp_path / 'comparison.json').write_text(comparison.file.read_text())
-    only = {'mpcc': drives['mpcc']}
-    assert compare_drives(only, tmp_path).replaced == tuple(drives)
-
-
-def test_three_controllers_fit_into_a_plain_terminal(make_drive):
-    console = Console(file=io.StringIO(), width=80)
-    runs = dict.fromkeys(('mpcc', 'mpcc_no_ca', 'frenet'), metrics.compute_metrics(make_drive()))
-    console.print(metrics_table.build_table({'scenario': 's', 'runs': runs}))
-    assert '…' not in console.file.getvalue()
-    assert 'm/s²' in console.file.getvalue()
-
-
-def test_many_runs_are_rows_of_the_table(drives, tmp_path):
-    many = {f'own@{k:02d}': drives['own'] for k in range(30)}
-    console = Console(file=io.StringIO(), width=80)
-    show_comparison(compare_drives(many, tmp_path), console)
-    table, verdicts = console.file.getvalue().split('own@00: ')
-    assert max(map(len, table.splitlines())) <= 80
-    assert [line.split()[0] for line in table.splitlines()[-30:]] == list(many)
-    assert 'replaces' not in verdicts
-    show_comparison(compare_drives(many, tmp_path), console)
-    assert 'replaces the comparison that was there, of 30 runs' in console.file.getvalue()
-
-
-def test_what_a_run_does_not_have_is_a_dash(make_drive):
-    console = Console(file=io.StringIO(), width=140)
-    console.print(
-        metrics_table.build_table(
-            {'scenario': 's', 'runs': {'mpcc': metrics.compute_metrics(make_drive())}}
-        )
-    )
-    lines = console.file.getvalue().splitlines()
-    nearest = next(line for line in lines if 'min distance to obstacle' in line)
-    assert '–' in nearest
-
-
-def test_a_bag_that_was_cut_is_said_once_and_marked_in_the_table(cut):
-    console = Console(file=io.StringIO(), width=140)
-    show_comparison(cut, console)
-    lines = console.file.getvalue().splitlines()
-    assert lines[0] == DAMAGE['mpcc']
-    (head,) = (line for line in lines if 'metric' in line)
-    assert head.split()[:6] == ['metric', 'unit', 'mpcc,', 'bag', 'cut', 'mpcc_no_ca']
-    assert json.loads(cut.file.read_text())['damage'] == DAMAGE
-
-
-def test_a_path_that_is_no_bag_is_one_line(tmp_path, capsys):
-    assert cli.main(['compare', str(tmp_path / 'nothing')]) == 1
-    output = capsys.readouterr().err
-    assert output.startswith('error: ')
-    assert output.count('\n') == 1
-    assert 'nothing' in output
-
-
-def test_what_is_no_bag_is_left_out_of_a_comparison_with_a_line(tmp_path, capsys):
-    (tmp_path / 'report.html').touch()
-    (tmp_path / 'mpcc').mkdir()
-    (tmp_path / 'mpcc/mpcc_0.mcap').touch()
-    assert cli.main(['compare', *map(str, sorted(tmp_path.iterdir()))]) == 1
-    error = capsys.readouterr().err
-    assert f'left out, since they are no bags: {tmp_path / "report.html"}\n' in error
-    assert 'mpcc_0.mcap: the file is empty' in error
-
-
-def test_the_commands_of_the_interface_exist(capsys):
-    assert {'compare', 'info', 'repair'} <= set(cli.COMMANDS)
-    for command in cli.COMMANDS:
-        with pytest.raises(SystemExit) as ended:
-            cli.main([command, '--help'])
-        assert ended.value.code == 0
-        assert f'bags {command}' in capsys.readouterr().out
+def test_another_road_or_car_does_not_compare_and_the_difference_is_named(other, said):
+    if not said:
+        check_comparable(['a', 'b', 'c'], [info(), info(), other])
+        return
+    with pytest.raises(BagError) as refused:
+        check_comparable(['a', 'b', 'c'], [info(), info(), other])
+    for text in (said, 'a and c', '--force'):
+        assert text in str(refused.value)
 
 
 @pytest.mark.parametrize(
@@ -330,8 +252,59 @@ def test_the_commands_of_the_interface_exist(capsys):
 )
 def test_runs_of_one_controller_are_called_after_their_folders(paths, recorded, names):
     assert comparison_module.name_runs(paths, recorded) == names
-
-
-def test_a_bag_that_is_given_twice_is_refused():
     with pytest.raises(BagError, match='the bag is given twice'):
-        comparison_module.name_runs(['a/mpcc/', 'a/mpcc'], ['mpcc', 'mpcc'])
+        comparison_module.name_runs([*paths, f'{paths[0]}/'], [*recorded, 'own'])
+
+
+# a metric costs one function: table, JSON, CSV and list follow from its registration
+
+
+def test_a_registered_metric_is_everywhere(undrawn, tmp_path, capsys):
+    before = dict(registry.METRICS)
+    try:
+
+        @registry.metric('top speed', 'km/h', 1)
+        def top_speed_kmph(run):
+            """Largest speed over ground."""
+            return 3.6 * float(run.series.speed.max())
+
+        compared = compare_drives({'mpcc': drive_of()}, tmp_path)
+        with pytest.raises(SystemExit) as ended:
+            cli.main(['compare', '--list-metrics'])
+        with pytest.raises(ValueError, match='top_speed_kmph is registered already'):
+            registry.metric()(top_speed_kmph)
+        (line,) = (
+            x for x in metrics_table.table_lines(compared.values['runs']) if x.title == 'top speed'
+        )
+    finally:
+        registry.METRICS.clear()
+        registry.METRICS.update(before)
+    assert compared.values['runs']['mpcc']['top_speed_kmph'] == pytest.approx(72.0)
+    assert 'top_speed_kmph,7' in compared.sheet.read_text()
+    assert (line.unit, line.cells[0].text) == ('km/h', '72.0')
+    assert 'top speed' in compared.report.read_text()
+    assert not ended.value.code
+    listed = capsys.readouterr().out
+    assert 'top_speed_kmph [km/h]: Largest speed over ground.' in listed
+    assert 'completed: Whether the car reached' in listed
+    assert all(metric.meaning for metric in registry.METRICS.values())
+
+
+@pytest.mark.parametrize(('slope', 'code'), [(0.1, 1), (0.0, 0)])
+def test_experiments_run_says_why_it_fails_where_only_the_verdict_is_the_reason(
+    undrawn, write_bag, tmp_path, monkeypatch, slope, code
+):
+    bag = write_bag(drive_of(y=lambda x: x * slope))
+    # as the plant sees it: its finish line goes on beside the road
+    outcome = node_graph.RunOutcome('mpcc', True, 'finish line crossed', bag)
+    monkeypatch.setattr(
+        run_and_compare, 'run_controllers', lambda plan, console: (tmp_path, [outcome])
+    )
+    console = Console(file=io.StringIO(), width=200)
+    plan = run_and_compare.Request('straight', ['mpcc'], 'lockstep', tmp_path, [], 60.0)
+    assert run_and_compare.run(plan, console) == code
+    output = (
+        'mpcc: not completed, although the plant reports "finish line crossed": '
+        'left the road at 21 m, by up to 7.90 m; passed the finish line beside the road at 90 m'
+    )
+    assert (output in console.file.getvalue()) == (code == 1)

@@ -87,8 +87,8 @@ def test_two_things_of_one_name_are_refused(measured, runs):
             read_overlays(files, names, scene)
 
 
-def test_an_overlay_is_dotted_in_its_panels_and_nowhere_else(runs, overlay):
-    for name, drawn in (('velocity', True), ('trajectories', True), ('sideslip', False)):
+def test_an_overlay_is_dotted_in_its_panels_and_nowhere_else(runs, overlay, tmp_path):
+    for name, drawn in (('velocity', True), ('trajectories', True), ('gg', False)):
         figure = comparison_figures.draw_figure(name, runs, '', [overlay])
         (legend,) = figure.legends
         assert ('measured' in [text.get_text() for text in legend.get_texts()]) == drawn
@@ -96,28 +96,25 @@ def test_an_overlay_is_dotted_in_its_panels_and_nowhere_else(runs, overlay):
         assert (overlay.look.colour in {line.get_color() for line in lines}) == drawn
     assert overlay.look.dash == style.DOTTED
     assert overlay.look.colour not in {run.look.colour for run in runs}
-
-
-def test_the_axis_grows_to_hold_the_overlay(runs, tmp_path):
+    # the axis grows to hold it
     file = tmp_path / 'fast.csv'
     file.write_text('station_m,vx_mps\n10,35\n20,40\n')
-    (one,) = read_overlays([file], [], runs[0].drive.scene)
-    (ax,) = comparison_figures.draw_figure('velocity', runs, '', [one]).axes
+    (fast,) = read_overlays([file], [], runs[0].drive.scene)
+    (ax,) = comparison_figures.draw_figure('velocity', runs, '', [fast]).axes
     assert ax.get_ylim()[1] >= 40.0
 
 
-def test_the_report_shows_it_and_lists_it(material, overlay):
-    text = page.report_html(material._replace(overlays=[overlay]))
-    assert text.count('data-run="measured"') == 1
-    # velocity, steer, contouring
-    assert text.count('data-key="measured"') == 3
-
-
-def test_the_command_takes_files(drives, write_bag, measured, tmp_path, capsys):
+def test_the_command_takes_files_and_the_report_shows_and_lists_them(
+    drives, write_bag, measured, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(comparison_figures, 'write_figures', lambda *given: None)
     bag = write_bag(drives['mpcc'])
     out = tmp_path / 'out'
     assert cli.main(['compare', str(bag), '--overlay', str(measured), '--out', str(out)]) == 0
     values = json.loads((out / 'comparison.json').read_text())
     assert set(values['overlays']['measured']) >= {'time_s', 'velocity', 'steer'}
+    text = (out / 'report.html').read_text()
+    assert text.count('data-run="measured"') == 1
+    assert text.count('data-key="measured"') == 3  # velocity, steer, contouring
     assert cli.main(['compare', str(bag), '--overlay', str(tmp_path / 'no.csv')]) == 1
     assert 'no.csv: cannot be read as CSV' in capsys.readouterr().err

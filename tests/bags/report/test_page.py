@@ -49,19 +49,19 @@ def test_names_and_notes_of_a_run_cannot_break_out_of_the_page(material):
     assert text.count('</script>') == page.report_html(material).count('</script>')
 
 
-def test_every_number_of_the_table_stands_in_the_page(material, report):
+def test_every_number_of_the_table_and_what_differs_stands_in_the_page(material, logs, report):
     text = report.read_text()
     for result in material.values['runs'].values():
         assert f'{result["min_v2o_m"]:.2f}' in text
         assert f'{result["peak_lat_acc_mps2"]:.1f}' in text
     assert 'a &lt;fast&gt; one' in text
-
-
-def test_what_differs_between_the_runs_is_marked(logs, report):
     rows = parameter_rows([log.run_info for log in logs.values()])
     unlike = {role: [row.name for row in result if row.differs] for role, result in rows.items()}
     assert unlike == {'controller': ['weight_of'], 'plant': []}
-    assert re.search(r'<tr class="differs"><th scope="row">weight_of</th>', report.read_text())
+    assert re.search(r'<tr class="differs"><th scope="row">weight_of</th>', text)
+    commit = '0123456789abcdef0123456789abcdef01234567-dirty'
+    rows = {row.name: row.values for row in origin_rows([{'git_commit': commit}, {}])}
+    assert rows['commit'] == ['0123456789-dirty', '–']
 
 
 def test_a_drive_without_notes_has_a_report_all_the_same(material):
@@ -88,17 +88,10 @@ def test_the_film_is_where_the_drive_was(runs):
     assert plans['x'].shape == (len(run.log.predictions), 26)
 
 
-def test_panels_carry_their_units(runs):
+def test_every_plot_has_its_unit_and_a_key_with_every_run(runs, report):
     for panel in interactive_panels.PANELS:
         assert '[' in panel.axis or panel.axis == interactive_panels.FRICTION
-        for run in runs:
-            stamp_ns, values = panel.curve(run)
-            assert len(stamp_ns) == len(values), panel.name
-
-
-def test_every_plot_has_a_key_with_every_run(runs, report):
-    text = report.read_text()
-    figures = text.split('<figure>')[1:]
+    figures = report.read_text().split('<figure>')[1:]
     assert len(figures) == len(interactive_panels.PANELS) + 1
     for figure in figures:
         key = figure.partition('</figure>')[0]
@@ -127,12 +120,6 @@ def test_scenario_and_controllers_are_described_where_the_bag_does(material):
     assert text.count('<dd>A first line and a second.</dd>') == len(material.runs)
     for broken in ('a: [', 'no mapping', ''):
         assert describe_runs(['mpcc'], [{'scenario_text': broken}]).scenario == UNKNOWN
-
-
-def test_a_hash_is_short_in_the_page(material):
-    commit = '0123456789abcdef0123456789abcdef01234567-dirty'
-    rows = {row.name: row.values for row in origin_rows([{'git_commit': commit}, {}])}
-    assert rows['commit'] == ['0123456789-dirty', '–']
 
 
 def test_the_film_opens_where_the_runs_are_closest_to_an_obstacle(runs):

@@ -7,15 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from straight_drive import straight_scene
 
 import bags
 from bags.errors import BagError, InvalidMessagesWarning
 from bags.evaluation import metrics, signals
+from bags.evaluation.drive import Obstacle
 from bags.evaluation.metrics.registry import METRICS
 from bags.run import UnknownNameError
-from bags.storage import read
 
 ROOT = Path(__file__).parents[3]
+STILL, ONES = np.zeros(101), np.ones(101)
+CAR = Obstacle(7, 40.0 * ONES, -3.5 * ONES, STILL, STILL, 1.0)
 UNITS = {
     '_mps3': 'm/s³',
     '_mps2': 'm/s²',
@@ -43,16 +46,12 @@ def test_metrics_are_those_of_the_comparison(run):
     assert 'min distance to obstacle' in repr(run.metrics)
 
 
-@pytest.mark.parametrize('name', METRICS)
-def test_the_unit_of_a_metric_is_that_of_its_name(name):
-    if unit_of(name):
-        assert METRICS[name].unit == unit_of(name)
-
-
-@pytest.mark.parametrize('name', signals.SIGNALS)
-def test_the_unit_of_a_signal_is_that_of_its_name(name):
-    assert signals.SIGNALS[name].unit == (unit_of(name) or '-')
-    assert signals.SIGNALS[name].meaning
+def test_the_unit_of_a_metric_and_of_a_signal_is_that_of_its_name():
+    for name, metric in METRICS.items():
+        assert metric.unit == unit_of(name) or not unit_of(name), name
+    for name, signal in signals.SIGNALS.items():
+        assert signal.unit == (unit_of(name) or '-'), name
+        assert signal.meaning
 
 
 def test_signals_are_those_by_which_the_metrics_judge(run):
@@ -78,13 +77,10 @@ def test_the_controller_and_its_judge_give_the_contouring_error_one_sign():
     assert np.ptp(judged) > 0.5  # on both sides of the path
     # the controller projects onto a spline, the judge onto the polyline
     assert np.interp(reported.index, judged.index, judged) == pytest.approx(reported, abs=0.01)
-
-
-def test_columns_of_topics_that_were_not_recorded_are_absent(run):
-    frame = run.signals
-    # no message of the wheels
-    unrecorded = {'tyre_use'}
-    assert {name.partition('.')[0] for name in frame} == set(signals.SIGNALS) - unrecorded
+    reports = driven.frame('/controller/why').set_index('stamp_ns')['friction.front']
+    shown = driven.signals['model_friction_use.front'].to_numpy()
+    at = np.searchsorted(driven.stamp_ns, reports.index)
+    assert np.array_equal(shown[at], reports, equal_nan=True)
 
 
 def test_a_set_point_is_due_a_period_after_its_state(second):
@@ -93,11 +89,10 @@ def test_a_set_point_is_due_a_period_after_its_state(second):
     at_ns = table.stamp_ns[:-1] + 75_000_000
     due = signals.interpolate(at_ns, table.stamp_ns + 50_000_000, table.steer_rad)
     assert np.allclose(due, (table.steer_rad[:-1] + table.steer_rad[1:]) / 2)
-
-
-def test_nothing_is_invented_outside_of_the_recorded_time():
-    stamps = np.array([10, 20])
-    values = signals.interpolate(np.array([9, 10, 15, 21]), stamps, np.array([1.0, 2.0]))
+    # and nothing is invented outside of the recorded time
+    values = signals.interpolate(
+        np.array([9, 10, 15, 21]), np.array([10, 20]), np.array([1.0, 2.0])
+    )
     assert np.array_equal(values, [np.nan, 1.0, 1.5, np.nan], equal_nan=True)
 
 
@@ -109,13 +104,10 @@ def test_parameters_and_metadata(run):
     assert run.duration_s == pytest.approx(2.5)
 
 
-def test_a_run_is_one_line(run):
+def test_a_run_is_one_line_and_one_that_cannot_be_evaluated_still_has_frames(run, second):
     text = repr(run)
     assert text.startswith("Run('mpcc', straight, 2.50 s: did not reach the finish line")
     assert len(text) < 200
-
-
-def test_a_run_that_cannot_be_evaluated_still_has_frames(second):
     assert repr(second) == "Run('one second', one second, 1.00 s: 13 topics)"
     with pytest.raises(BagError, match='parameters'):
         second.metrics  # noqa: B018
@@ -126,34 +118,28 @@ def without(samples):
     return type(samples)(*(column[:0] for column in samples))
 
 
+@pytest.mark.parametrize(
+    ('part', 'absent'),
+    [
+        ('', {'tyre_use'}),  # no message of the wheels
+        ('inputs', {'tyre_use', 'steer_rad', 'front_x_n', 'rear_x_n'}),
+        ('accelerations', {'tyre_use', 'ax_mps2', 'ay_mps2', 'friction_use'}),
+    ],
+)
+def test_signals_of_topics_that_were_not_recorded_are_absent(make_drive, write_bag, part, absent):
+    drive = make_drive(metres=20.0, scene=straight_scene([CAR]))
+    if part:
+        drive = drive._replace(**{part: without(getattr(drive, part))})
+    named = {name.partition('.')[0] for name in bags.load(write_bag(drive)).signals}
+    assert named == set(signals.SIGNALS) - absent
+
+
 def test_what_a_recording_lacks_is_named(make_drive, write_bag):
     drive = make_drive(metres=20.0)
     unseen = drive.scene._replace(obstacle_stamp_ns=drive.scene.obstacle_stamp_ns[:0])
     run = bags.load(write_bag(drive._replace(scene=unseen)))
     with pytest.raises(BagError, match=r'no message of.*/scenario/obstacles'):
         run.signals  # noqa: B018
-
-
-def test_without_actuators_their_signals_are_absent(make_drive, write_bag):
-    drive = make_drive(metres=20.0)
-    run = bags.load(write_bag(drive._replace(inputs=without(drive.inputs))))
-    assert not {'steer_rad', 'front_x_n', 'rear_x_n'} & set(run.signals)
-    assert {'speed_mps', 'steer_command_rad'} <= set(run.signals)
-
-
-def test_a_known_topic_without_messages_is_no_misspelling(make_drive, write_bag):
-    drive = make_drive(metres=20.0)
-    bag = read.load(write_bag(drive._replace(accelerations=without(drive.accelerations))))
-    with pytest.raises(BagError, match='no message of /vehicle/imu; it has') as refused:
-        read.recording(bag, '/vehicle/imu')
-    assert 'did you mean' not in str(refused.value)
-
-
-def test_without_an_inertial_unit_its_signals_are_absent(make_drive, write_bag):
-    drive = make_drive(metres=20.0)
-    run = bags.load(write_bag(drive._replace(accelerations=without(drive.accelerations))))
-    assert not {'ax_mps2', 'ay_mps2', 'friction_use'} & set(run.signals)
-    assert 'sideslip_rad' in run.signals
 
 
 def test_unknown_names_have_a_suggestion(second, run):
@@ -214,9 +200,6 @@ def test_import_is_free_of_pandas_and_matplotlib():
         [sys.executable, '-c', code], capture_output=True, text=True, check=True
     ).stdout.split()
     assert not {'numpy', 'pandas', 'matplotlib', 'bags.storage'} & set(loaded)
-
-
-def test_names_of_the_package_can_be_listed():
     assert {'load', 'compare', 'Run', 'RunSet'} <= set(dir(bags))
     with pytest.raises(AttributeError, match='no attribute'):
         bags.lod  # noqa: B018

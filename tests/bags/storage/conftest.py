@@ -1,6 +1,5 @@
-"""A recorder process, a publisher that plays every node of the ring, and what they recorded."""
+"""A bag of one second; a recorder process, and a publisher that plays every node of the ring."""
 
-import json
 import os
 import re
 import signal
@@ -13,14 +12,11 @@ from pathlib import Path
 import pytest
 import rclpy
 from example_messages import encoded
-from one_second import every_message
+from one_second import every_message, write
 from rclpy.duration import Duration
 from session_cache import build_once
 from wait_until import wait_until
 
-from bags.storage import read
-from bags.storage.bag_writer import BagWriter
-from experiments.run.domain import reserved
 from msgs_yaml import contract
 from node_runtime import ros, spin_node
 
@@ -73,7 +69,6 @@ class Recorder:
     def __init__(
         self, out: Path, program=('-m', 'bags.recorder_node'), namespace='/', **parameters
     ):
-        self.out = out
         given = {'out': out, **parameters}
         arguments = [word for k, v in given.items() for word in ('-p', f'{k}:={v}')]
         arguments += ['-r', f'__ns:={namespace}']
@@ -148,52 +143,10 @@ def messages():
 
 
 @pytest.fixture(scope='session')
-def bag_folder(dds, tmp_path_factory, messages):
-    """One second of every topic, recorded over Fast DDS in lockstep; once for all workers."""
-
-    def make(folder):
-        with reserved({}) as domain, pytest.MonkeyPatch.context() as patch:
-            patch.setenv('ROS_DOMAIN_ID', str(domain))
-            record(folder / 'mpcc', messages)
-
-    return build_once(tmp_path_factory, 'one_second', make) / 'mpcc'
-
-
-def record(folder, messages):
-    """Record messages over Fast DDS in lockstep."""
-    entries = folder.parent / 'run.json'
-    entries.write_text(json.dumps({'scenario': 'double_lane_change', 'parameters': {'N': 50}}))
-    recorder = Recorder(folder, run_info=entries)
-    ring = Ring('lockstep')
-    try:
-        ring.wait_for_recorder()
-        ring.publish_all(messages)
-        code, output = recorder.end()
-    finally:
-        ring.close()
-        if recorder.process.poll() is None:
-            recorder.process.kill()
-        recorder.log.close()
-    assert code == 0, output
-    assert re.search(r'\d+ messages in', output), output
-
-
-@pytest.fixture(scope='session')
-def write_chunks(tmp_path_factory, bag_folder):
-    """Factory of closed bags: the folder of one with these topics and so many chunks."""
-    recordings = read.load(bag_folder).recordings
-
-    def write(topics, chunks, per_chunk):
-        chosen = [recordings[name] for name in topics]
-        folder = tmp_path_factory.mktemp('healthy') / 'bag'
-        writer = BagWriter(folder, [r.topic for r in chosen], {'run': {'scenario': 'straight'}})
-        for chunk in range(chunks):
-            for i in range(chunk * per_chunk, (chunk + 1) * per_chunk):
-                for index, recorded in enumerate(chosen):
-                    data = recorded.payloads[i % len(recorded.payloads)]
-                    writer.write(index, 1000 + i, 2000 + i, data, i + 1)
-            writer.flush()
-        writer.close()
-        return folder
-
-    return write
+def bag_folder(tmp_path_factory, messages):
+    """One second of every topic, as a recorder files it in lockstep; once for all workers."""
+    entries = {'scenario': 'double_lane_change', 'parameters': '{"N": 50}', 'namespace': '/'}
+    folder = build_once(
+        tmp_path_factory, 'one_second', lambda folder: write(folder / 'mpcc', messages, entries)
+    )
+    return folder / 'mpcc'

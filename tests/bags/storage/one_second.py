@@ -1,11 +1,14 @@
-"""One second of driving as every node sends it, and what of it a bag holds."""
+"""One second of driving as every node sends it, a bag of it, and what of it a bag holds."""
 
 import itertools
 
 import numpy as np
+from example_messages import encoded
 
-from bags.storage import read
+from bags.storage import message_filing, read
+from bags.storage.bag_writer import NO_SPLIT, BagWriter
 from msgs_yaml import contract, types
+from node_runtime import ros
 
 START_NS = 1_000_000_000
 TICK_NS = 50_000_000
@@ -65,6 +68,54 @@ def every_message():
         '/vehicle/run_start': [START_NS],
         '/clock': ticks,
     }
+
+
+TOPICS = {topic.name: topic for topic in message_filing.bag_topics(contract.load(), 'lockstep')}
+
+
+def recording(topic, payloads, log_ns=None, publish_ns=None):
+    """Return the recording of messages of a topic; what is no bytes is serialised."""
+    payloads = [item if isinstance(item, bytes) else ros.serialize(item) for item in payloads]
+    times = np.arange(len(payloads), dtype=np.int64) if log_ns is None else np.array(log_ns)
+    sent = times if publish_ns is None else np.array(publish_ns)
+    return read.Recording(TOPICS[topic], times, sent, 1 + np.arange(len(payloads)), payloads)
+
+
+def in_memory(*recordings, path='made up'):
+    """Return a bag of recordings that is in no file."""
+    named = {recorded.topic.name: recorded for recorded in recordings}
+    return read.Bag(path, (), named, {}, None)
+
+
+def write_recordings(folder, recordings, entries, split=NO_SPLIT):
+    """Write a bag of recordings, in the order of time; return its folder."""
+    writer = BagWriter(folder, [r.topic for r in recordings], {'run': entries}, split)
+    rows = [
+        (log_ns, index, publish_ns, data, sequence)
+        for index, r in enumerate(recordings)
+        for log_ns, publish_ns, data, sequence in zip(
+            r.log_ns.tolist(), r.publish_ns.tolist(), r.payloads, r.sequence.tolist()
+        )
+    ]
+    for k, (log_ns, index, *others) in enumerate(sorted(rows, key=lambda row: row[:2])):
+        writer.write(index, log_ns, *others)
+        if k % 100 == 0:
+            writer.flush()
+    writer.close()
+    return folder
+
+
+def write(folder, messages, entries):
+    """Write a bag as a recorder files these messages in lockstep, without any node."""
+    silent = {topic: recording(topic, []) for topic in TOPICS}
+    recordings = {}
+    for topic, sent in messages.items():
+        stamps_ns = np.array([getattr(value, 'stamp_ns', value) for value in sent])
+        payloads = [ros.serialize(encoded(topic, value)) for value in sent]
+        # the middleware fills up to four bytes
+        payloads = [data + bytes(-len(data) % 4) for data in payloads]
+        recordings[topic] = recording(topic, payloads, stamps_ns, 2 * START_NS + stamps_ns)
+    write_recordings(folder, (silent | recordings).values(), entries)
 
 
 def endless(values):

@@ -1,39 +1,90 @@
-"""Readers that know nothing of this project open the bag and find every message unchanged."""
+"""Readers that know nothing of this project open a bag, in one file or several, and read it."""
 
-import resource
 from collections import Counter
 
 import pytest
 import yaml
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from one_second import expected
+from one_second import expected, write_recordings
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
 from bags.errors import BagError
-from bags.storage import read, repair
-from bags.storage.bag_writer import BagWriter
-from bags.storage.mcap_reader import read_mcap
+from bags.evaluation.bag_summary import summarize_bag
+from bags.storage import read
+from bags.storage.bag_writer import NO_SPLIT, BagWriter, Split
+from bags.storage.mcap_reader import mcap_files, read_mcap
 from msgs_yaml import contract, share
 
+SPLITS = {
+    'whole': NO_SPLIT,
+    'by time': Split(duration_ns=90_000_000),
+    'by size': Split(bytes=100_000),
+}
 
-def recorded_payloads(bag_folder):
-    return {n: r.payloads for n, r in read.load(bag_folder).recordings.items() if r.payloads}
+
+@pytest.fixture(scope='module')
+def whole(bag_folder):
+    return read.load(bag_folder)
 
 
-def test_rosbags_finds_every_payload_unchanged_and_decodes_it(bag_folder):
+@pytest.fixture(scope='module', params=SPLITS.values(), ids=SPLITS)
+def split(request, tmp_path_factory, whole):
+    """Return a folder of the same messages, and how they were split."""
+    folder = tmp_path_factory.mktemp('written') / 'bag'
+    write_recordings(folder, whole.recordings.values(), whole.run_info, request.param)
+    return folder, request.param
+
+
+def payloads(bag):
+    return {name: r.payloads for name, r in bag.recordings.items()}
+
+
+def heard(bag):
+    """Return the payloads of the topics on which something came; some are for viewers only."""
+    return {name: data for name, data in payloads(bag).items() if data}
+
+
+def test_it_reads_as_it_was_written(split, whole):
+    bag = read.load(split[0])
+    assert payloads(bag) == payloads(whole)
+    assert (bag.run_info, bag.damage) == (whole.run_info, None)
+    for name, recorded in whole.recordings.items():
+        for column in ('log_ns', 'publish_ns', 'sequence'):
+            written = getattr(bag.recordings[name], column)
+            assert written.tolist() == getattr(recorded, column).tolist()
+    summary = summarize_bag(bag)
+    assert summary['messages'] == sum(map(len, payloads(whole).values()))
+    sizes = {file.name: file.stat().st_size for file in mcap_files(split[0])}
+    assert (summary['files'], summary['bytes']) == (sizes, sum(sizes.values()))
+
+
+def test_files_are_numbered_and_as_long_as_was_asked_for(split):
+    folder, wanted = split
+    files = mcap_files(folder)
+    assert [file.name for file in files] == [f'bag_{k}.mcap' for k in range(len(files))]
+    if wanted.duration_ns:
+        assert len(files) == 12
+        for file in files:
+            log_ns = [r.log_ns for r in read.load(file).recordings.values() if r.payloads]
+            assert max(t.max() for t in log_ns) - min(t.min() for t in log_ns) < 90_000_000
+    elif wanted.bytes:
+        sizes = [file.stat().st_size for file in files]
+        assert len(sizes) >= 2
+        assert min(sizes[:-1]) >= 100_000
+        assert max(sizes) < 200_000
+
+
+def test_rosbags_finds_every_payload_counts_qos_and_hashes(split, whole):
+    folder, _ = split
     result = {}
-    with AnyReader([bag_folder]) as reader:
+    with AnyReader([folder]) as reader:
         for connection, _, data in reader.messages():
             result.setdefault(connection.topic, []).append(bytes(data))
-            assert reader.deserialize(data, connection.msgtype).__msgtype__ == connection.msgtype
-    assert result == recorded_payloads(bag_folder)
-
-
-def test_rosbags_finds_counts_qos_and_hashes_in_the_metadata(bag_folder):
-    with Reader(bag_folder) as reader:
-        assert reader.message_count == sum(map(len, recorded_payloads(bag_folder).values()))
+    assert result == heard(whole)
+    with Reader(folder) as reader:
+        assert reader.message_count == sum(map(len, result.values()))
         connections = {connection.topic: connection for connection in reader.connections}
         assert connections.keys() >= contract.load().topics.keys()
         reference = connections['/scenario/reference']
@@ -43,35 +94,33 @@ def test_rosbags_finds_counts_qos_and_hashes_in_the_metadata(bag_folder):
         assert profile.reliability.name == 'RELIABLE'
 
 
-def test_mcap_summary_counts_and_indexes_every_message(bag_folder):
-    payloads = recorded_payloads(bag_folder)
-    with open(bag_folder / 'mpcc_0.mcap', 'rb') as file:
-        reader = make_reader(file, validate_crcs=True)
-        summary = reader.get_summary()
-        counts = {
-            summary.channels[channel].topic: n
-            for channel, n in summary.statistics.channel_message_counts.items()
-        }
-        assert counts == {topic: len(data) for topic, data in payloads.items()}
-        assert {chunk.compression for chunk in summary.chunk_indexes} == {'zstd'}
-        times = [message.log_time for _, _, message in reader.iter_messages(log_time_order=True)]
-        assert times == sorted(times)
-        assert len(times) == sum(counts.values())
-
-
-def test_mcap_ros2_decodes_every_message_by_the_schema_in_the_file(bag_folder, messages):
-    decoded = Counter()
-    with open(bag_folder / 'mpcc_0.mcap', 'rb') as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        for _, channel, _, message in reader.iter_decoded_messages():
-            decoded[channel.topic] += 1
-            if channel.topic == '/vehicle/odometry':
-                last = message
+def test_each_file_explains_itself_to_mcap_and_mcap_ros2(split, whole, messages):
+    decoded, last = Counter(), None
+    for path in mcap_files(split[0]):
+        with path.open('rb') as file:
+            reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+            summary = reader.get_summary()
+            assert {chunk.compression for chunk in summary.chunk_indexes} == {'zstd'}
+            names = {record.name for record in reader.iter_metadata()}
+            assert {'run', 'rosbag2'} <= names
+            times, counts = [], Counter()
+            for _, channel, record, message in reader.iter_decoded_messages(log_time_order=True):
+                times.append(record.log_time)
+                counts[channel.id] += 1
+                decoded[channel.topic] += 1
+                if channel.topic == '/vehicle/odometry':
+                    last = message
+            assert times == sorted(times)
+            told = summary.statistics.channel_message_counts
+            assert {key: n for key, n in told.items() if n} == counts
     assert {name: decoded[name] for name in messages} == expected(messages)
     assert last.pose.pose.position.x == messages['/vehicle/odometry'][-1].X
 
 
 def test_schema_text_is_the_message_definitions_byte_for_byte(bag_folder):
+    def definition(package, name):
+        return share.path(package, 'msg', f'{name}.msg').read_bytes()
+
     with open(bag_folder / 'mpcc_0.mcap', 'rb') as file:
         schemas = make_reader(file).get_summary().schemas.values()
     assert {schema.name for schema in schemas} >= {t.type for t in contract.load().topics.values()}
@@ -80,58 +129,32 @@ def test_schema_text_is_the_message_definitions_byte_for_byte(bag_folder):
         first, *others = schema.data.split(b'\n' + b'=' * 80 + b'\nMSG: ')
         package, _, name = schema.name.split('/')
         assert first == definition(package, name)
-        named = [section.partition(b'\n') for section in others]
-        assert len({title for title, _, _ in named}) == len(named)
-        for title, _, text in named:
+        for title, _, text in (section.partition(b'\n') for section in others):
             assert text == definition(*title.decode().split('/'))
 
 
-def definition(package, name):
-    return share.path(package, 'msg', f'{name}.msg').read_bytes()
+def test_metadata_lists_files_and_messages_as_rosbag2_does(split, whole):
+    folder, _ = split
+    beside = yaml.safe_load((folder / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+    names = [file.name for file in mcap_files(folder)]
+    assert beside['version'] == 9
+    assert beside['relative_file_paths'] == [file['path'] for file in beside['files']] == names
+    total = sum(map(len, payloads(whole).values()))
+    assert beside['message_count'] == sum(f['message_count'] for f in beside['files']) == total
+    counts = {
+        entry['topic_metadata']['name']: entry['message_count']
+        for entry in beside['topics_with_message_count']
+    }
+    assert counts == {name: len(data) for name, data in payloads(whole).items()}
+    if len(names) == 1:
+        inside = read_mcap(folder / names[0]).records['rosbag2']['serialized_metadata']
+        assert yaml.safe_load(inside) == beside
 
 
-def test_metadata_inside_the_file_is_the_metadata_beside_it(bag_folder):
-    beside = yaml.safe_load((bag_folder / 'metadata.yaml').read_text())
-    inside = read_mcap(bag_folder / 'mpcc_0.mcap').records['rosbag2']['serialized_metadata']
-    assert yaml.safe_load(inside) == beside['rosbag2_bagfile_information']
-    assert beside['rosbag2_bagfile_information']['relative_file_paths'] == ['mpcc_0.mcap']
-    assert beside['rosbag2_bagfile_information']['version'] == 9
-
-
-def test_existing_folder_is_refused_and_left_alone(bag_folder):
-    before = (bag_folder / 'mpcc_0.mcap').read_bytes()
+def test_a_folder_that_exists_or_cannot_be_made_is_refused_and_left_alone(tmp_path):
+    (tmp_path / 'file').touch()
     with pytest.raises(BagError, match='exists already'):
-        BagWriter(bag_folder, [], {})
-    assert (bag_folder / 'mpcc_0.mcap').read_bytes() == before
-
-
-def test_folder_that_cannot_be_made_is_refused_by_name(tmp_path):
-    (tmp_path / 'file').write_text('')
+        BagWriter(tmp_path, [], {})
     with pytest.raises(BagError, match=r'file/bag: cannot be created: Not a directory'):
         BagWriter(tmp_path / 'file' / 'bag', [], {})
-
-
-def test_full_disk_is_a_clear_error_and_what_was_flushed_stays_complete(tmp_path, bag_folder):
-    recorded = read.load(bag_folder).recordings['/vehicle/odometry']
-    writer = BagWriter(tmp_path / 'bag', [recorded.topic], {})
-    times = recorded.log_ns.tolist()
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    flushed = []
-
-    def record_until_the_disk_is_full():
-        while True:
-            for log_ns, data in zip(times, recorded.payloads):
-                writer.write(0, log_ns, log_ns, data)
-            writer.flush()
-            flushed.extend(recorded.payloads)
-
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
-    try:
-        with pytest.raises(BagError, match=r'File too large; the first \d+ bytes are kept'):
-            record_until_the_disk_is_full()
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert not repair.repair_bag(tmp_path / 'bag').intact
-    result = read.load(tmp_path / 'bag').recordings['/vehicle/odometry'].payloads
-    assert len(flushed) <= len(result) <= len(flushed) + len(recorded.payloads)
-    assert result == (flushed + recorded.payloads)[: len(result)]
+    assert [path.name for path in tmp_path.iterdir()] == ['file']

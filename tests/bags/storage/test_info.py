@@ -1,102 +1,92 @@
-"""`bags info` says what a bag holds, what was lost, and how quickly the controller answered."""
+"""`bags info` and `bags timing`: what a bag holds, what was lost, where the time of a tick went."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from one_second import expected
+from one_second import expected, in_memory, recording, write_recordings
+from rich.console import Console
+from straight_drive import drive_of
 
 from bags import cli
+from bags.commands import timing
+from bags.errors import BagError
+from bags.evaluation import tick_timing
 from bags.evaluation.bag_summary import summarize_bag
 from bags.storage import read
-from bags.storage.bag_writer import BagWriter
+from bags.storage.read import Recording
+from msgs_yaml import encode
+from msgs_yaml.types import Command, VehicleState, Why
+from node_runtime import ros
+
+MS, S = 1_000_000, 1_000_000_000
+TICK = 50 * MS
+STATE, COMMAND, WHY = '/vehicle/odometry', '/controller/command', '/controller/why'
+GOLDEN = Path(__file__).parents[3] / 'bags/reference/double_lane_change/mpcc'
+
+
+def thinned(recorded, left_out):
+    """Return a recording without these rows."""
+    kept = np.delete(np.arange(len(recorded.payloads)), left_out)
+    columns = (recorded.log_ns[kept], recorded.publish_ns[kept], recorded.sequence[kept])
+    return Recording(recorded.topic, *columns, [recorded.payloads[k] for k in kept])
 
 
 @pytest.fixture
 def limping(tmp_path, bag_folder):
     """A bag in which states 3 and 4 were lost, one tick is unanswered and one fell back."""
     recordings = read.load(bag_folder).recordings
-    topics = ['/vehicle/odometry', '/controller/command', '/controller/why', '/clock']
-    chosen = [recordings[name] for name in topics]
-    writer = BagWriter(tmp_path / 'bag', [r.topic for r in chosen], {'run': {'scenario': 's'}})
-    for index, recorded in enumerate(chosen):
-        left_out = {0: (3, 4), 1: (7,)}.get(index, ())
-        for i, data in enumerate(recorded.payloads):
-            if i not in left_out:
-                stamp_ns = int(recorded.log_ns[i])
-                # every command is sent 4 ms after its state, the last one 9 ms
-                delay_ns = (4_000_000, 9_000_000)[i == 19] * (index == 1)
-                if index == 2 and i == 5:
-                    data = data.replace(b'solved', b'shifte')
-                writer.write(index, stamp_ns, stamp_ns + delay_ns, data, i + 1)
-    writer.close()
-    return tmp_path / 'bag'
+    states = thinned(recordings[STATE], [3, 4])
+    states = states._replace(publish_ns=states.log_ns)
+    commands = thinned(recordings[COMMAND], [7])
+    # every command is sent 4 ms after its state, the last one 9 ms
+    delays_ns = np.where(commands.sequence == 20, 9 * MS, 4 * MS)
+    commands = commands._replace(publish_ns=commands.log_ns + delays_ns)
+    whys, clock = recordings[WHY], recordings['/clock']
+    whys.payloads[5] = whys.payloads[5].replace(b'solved', b'shifte')
+    entries = {'scenario': 's', 'scenario_sha256': 'f' * 64}
+    return write_recordings(tmp_path / 'bag', [states, commands, whys, clock], entries)
 
 
-def test_summary_counts_rates_gaps_and_losses(limping):
+def test_summary_counts_rates_gaps_losses_latency_and_fallbacks(limping):
     result = summarize_bag(read.load(limping))
-    state = result['topics']['/vehicle/odometry']
-    assert state['messages'] == 998
-    assert state['lost'] == 2
-    assert state['lost_places'] == 1
-    assert state['lost_longest'] == 2
-    assert state['sent_before'] == 0
+    state = result['topics'][STATE]
+    assert (state['messages'], state['lost'], state['lost_places']) == (998, 2, 1)
+    assert (state['lost_longest'], state['sent_before']) == (2, 0)
     assert state['longest_gap_s'] == pytest.approx(0.003)
     assert state['rate_hz'] == pytest.approx(997 / 0.999)
-    assert result['topics']['/controller/command']['longest_gap_s'] == pytest.approx(0.1)
-    assert result['duration_s'] == pytest.approx(0.999)
+    assert result['topics'][COMMAND]['longest_gap_s'] == pytest.approx(0.1)
+    assert (result['start_s'], result['duration_s']) == pytest.approx((1.0, 0.999))
     assert result['mode'] == 'lockstep'
-
-
-def test_latency_is_from_sending_the_state_to_sending_the_command(limping):
-    latency_ms = summarize_bag(read.load(limping))['latency_ms']
-    assert latency_ms['p50'] == pytest.approx(4.0)
-    assert latency_ms['max'] == pytest.approx(9.0)
-    assert latency_ms['p99'] == pytest.approx(np.percentile([4.0] * 18 + [9.0], 99))
-
-
-def test_unanswered_period_is_a_miss_and_lockstep_is_never_late(limping):
-    assert summarize_bag(read.load(limping))['ticks'] == {
-        'count': 20,
-        'missed': 1,
-        'unanswered': 1,
-        'late': 0,
-        'blind': 0,
-    }
-
-
-def test_fallbacks_are_counted_by_reason(limping, bag_folder):
-    result = summarize_bag(read.load(limping))
+    p99 = np.percentile([4.0] * 18 + [9.0], 99)
+    assert result['latency_ms'] == pytest.approx({'p50': 4.0, 'p99': p99, 'max': 9.0})
+    # an unanswered period is a miss, and lockstep is never late
+    ticks = {'count': 20, 'missed': 1, 'unanswered': 1, 'late': 0, 'blind': 0}
+    assert result['ticks'] == ticks
     assert result['rungs'] == {'solved': 19, 'shifte': 1}
     assert sum(result['fallbacks'].values()) == 1
-    assert summarize_bag(read.load(bag_folder))['fallbacks'] == {}
 
 
-def test_numbers_of_several_publishers_say_nothing_about_losses(tmp_path, bag_folder):
-    recorded = read.load(bag_folder).recordings['/diagnostics']
-    writer = BagWriter(tmp_path / 'bag', [recorded.topic], {})
-    for sequence in (1, 1, 2, 2, 5):
-        writer.write(0, 1, 1, recorded.payloads[0], sequence)
-    writer.close()
-    assert summarize_bag(read.load(tmp_path / 'bag'))['topics']['/diagnostics']['lost'] is None
+def test_what_a_bag_cannot_tell_is_none(tmp_path, bag_folder, capsys):
+    recordings = read.load(bag_folder).recordings
+    health = recordings['/diagnostics']
+    times = np.ones(5, dtype=np.int64)
+    # numbers of several publishers say nothing about losses
+    several = Recording(
+        health.topic, times, times, np.array([1, 1, 2, 2, 5]), health.payloads[:1] * 5
+    )
+    recordings = [several, thinned(recordings[COMMAND], range(1, 20))]
+    folder = write_recordings(tmp_path / 'bag', recordings, {})
+    result = summarize_bag(read.load(folder))
+    assert result['topics']['/diagnostics']['lost'] is None
+    assert result['topics'][COMMAND]['rate_hz'] is None
+    names = ('latency_ms', 'ticks', 'rungs', 'fallbacks', 'reports')
+    assert [result[name] for name in names] == [None] * 5
+    assert cli.main(['info', str(folder)]) == 0
 
 
-def test_bag_without_states_is_described_too(tmp_path, bag_folder):
-    recorded = read.load(bag_folder).recordings['/controller/command']
-    writer = BagWriter(tmp_path / 'bag', [recorded.topic], {})
-    writer.write(0, 1, 1, recorded.payloads[0])
-    writer.close()
-    result = summarize_bag(read.load(tmp_path / 'bag'))
-    assert result['latency_ms'] is None
-    assert result['topics']['/controller/command']['rate_hz'] is None
-    assert cli.main(['info', str(tmp_path / 'bag')]) == 0
-
-
-def test_command_prints_a_row_per_topic(bag_folder, messages, capsys):
+def test_info_prints_a_row_per_topic_or_json(bag_folder, messages, capsys):
     assert cli.main(['info', str(bag_folder)]) == 0
     output = capsys.readouterr().out
     for topic, sent in messages.items():
@@ -104,48 +94,146 @@ def test_command_prints_a_row_per_topic(bag_folder, messages, capsys):
         assert f' {len(sent)} ' in row
     assert 'state to command in ms: p50' in output
     assert 'scenario: double_lane_change' in output
-
-
-def test_what_was_lost_is_said_with_its_places(limping, capsys):
-    assert cli.main(['info', str(limping)]) == 0
-    assert '2 in 1 places' in capsys.readouterr().out
-
-
-def test_a_hash_stays_one_word(tmp_path, bag_folder, capsys):
-    recorded = read.load(bag_folder).recordings['/controller/command']
-    entries = {'scenario_sha256': 'f' * 64}
-    writer = BagWriter(tmp_path / 'bag', [recorded.topic], {'run': entries})
-    writer.write(0, 1, 1, recorded.payloads[0])
-    writer.close()
-    assert cli.main(['info', str(tmp_path / 'bag')]) == 0
-    assert f'scenario_sha256: {"f" * 64}\n' in capsys.readouterr().out
-
-
-def test_command_prints_json_on_demand(bag_folder, messages, capsys):
     assert cli.main(['info', str(bag_folder), '--json']) == 0
-    topics = json.loads(capsys.readouterr().out)['topics']
-    assert {name: topics[name]['messages'] for name in messages} == expected(messages)
+    result = json.loads(capsys.readouterr().out)
+    assert result['fallbacks'] == {}
+    counts = {name: result['topics'][name]['messages'] for name in messages}
+    assert counts == expected(messages)
 
 
-def test_damage_is_part_of_what_is_printed(tmp_path, bag_folder, capsys):
-    (tmp_path / 'cut.mcap').write_bytes((bag_folder / 'mpcc_0.mcap').read_bytes()[:-9])
-    assert cli.main(['info', str(tmp_path / 'cut.mcap')]) == 0
-    assert 'bags repair' in ' '.join(capsys.readouterr().out.split())
-
-
-def test_what_cannot_be_read_is_an_error_in_one_line(tmp_path, capsys):
-    assert cli.main(['info', str(tmp_path / 'none')]) == 1
-    assert capsys.readouterr().err.count('\n') == 1
-
-
-def test_a_pipe_gets_every_row_in_one_line():
-    """As awk and grep read it; a terminal has a width."""
-    bag = Path(__file__).parents[3] / 'bags/reference/double_lane_change/mpcc'
-    env = {name: value for name, value in os.environ.items() if name != 'COLUMNS'}
-    command = [sys.executable, '-m', 'bags.cli', 'info', str(bag)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=env)
-    (row,) = (line for line in done.stdout.splitlines() if line.startswith('/vehicle/odometry'))
+def test_info_says_places_of_losses_keeps_hashes_whole_and_rows_in_one_line(limping, capsys):
+    assert cli.main(['info', str(limping)]) == 0
+    output = capsys.readouterr().out
+    assert '2 in 1 places' in output
+    assert f'scenario_sha256: {"f" * 64}\n' in output
+    # as awk and grep read it; a terminal has a width
+    assert cli.main(['info', str(GOLDEN)]) == 0
+    (row,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith(STATE))
     topic, count, rate, gap, lost, *places = row.split()
-    assert (topic, count, rate, gap) == ('/vehicle/odometry', '162', '20.00', '0.050')
+    assert (topic, count, rate, gap) == (STATE, '162', '20.00', '0.050')
     assert int(lost) > 7000  # 49 of 50 states are cut out of a golden bag
     assert places == ['in', '161', 'places']
+
+
+def test_answers_to_the_last_state_are_reports_but_no_ticks(write_bag, capsys):
+    drive = drive_of(metres=20.0)
+    last_ns = int(drive.motion.stamp_ns[-1])
+    ticks = drive.ticks._replace(answered_ns=drive.motion.stamp_ns[::50])
+    blind = {'rung': 'braking', 'reason': 'state_stale'}  # braking without a state is no answer
+    for extra in ((), [last_ns + k * TICK for k in range(5)]):
+        reports = [(WHY, ns, ros.serialize(encode.why(Why(ns, 0, '', blind)))) for ns in extra]
+        folder = write_bag(drive._replace(ticks=ticks), f'with {len(extra)}', extra=reports)
+        assert cli.main(['info', str(folder)]) == 0
+        output = capsys.readouterr().out
+        assert '20 ticks' in output
+        assert f'{21 + len(extra)} reports of the controller, 1 of them on the last' in output
+        assert ('rungs: solved 21' in output) or extra
+
+
+# where the time of a tick went, from bags whose every time is made up
+
+
+def ring(ticks, latency_ms=lambda k: 12.0, answered=lambda k: True, blind=(), unheard=False):
+    """States every 50 ms sent 1 ms late, heard 2 ms after that; waits 0.5, prepares 1, solves 4."""
+    sent = {STATE: [], COMMAND: [], WHY: []}
+    for k in range(ticks + 1):
+        stamp = S + k * TICK
+        state = VehicleState(stamp, 0.0, 0.0, 0.0, 20.0, 0.0, 0.0)
+        sent[STATE].append((stamp + MS, encode.odometry(state)))
+        if not (answered(k) or k in blind):
+            continue
+        answer = stamp + 20 * MS + 1 if k in blind else stamp
+        values = {'rung': 'solved', 'reason': 'state_stale' if k in blind else 'converged'}
+        values['gate'] = 'passed'
+        if k not in blind:
+            values |= {'time.wait_ms': 0.5, 'time.prepare_ms': 1.0, 'time.solve_ms': 4.0}
+            values |= {} if unheard else {'time.heard_ns': stamp + 3 * MS}
+        values['time.publish_ms'] = 0.25 * (k % 2)
+        command_ns = stamp + MS + round(latency_ms(k) * MS)
+        sent[COMMAND].append((command_ns, encode.command(Command(answer, 0.0, 0.0, 0.0, 0.0))))
+        sent[WHY].append((command_ns, encode.why(Why(answer, 0, '', values))))
+    made = []
+    for name, rows in sent.items():
+        sent_ns = [ns for ns, _ in rows]
+        made.append(recording(name, [message for _, message in rows], sent_ns, sent_ns))
+    return in_memory(*made, path=Path('bag'))
+
+
+def test_the_parts_of_a_tick_are_told_apart_and_sum_up():
+    result = tick_timing.tick_parts(ring(20))
+    # of the last one, how long sending took is not known: the tick after it tells
+    parts = {'total': 12.0, 'transport': 2.0, 'wait': 0.5, 'prepare': 1.0, 'solve': 4.0}
+    for name, each in parts.items():
+        assert getattr(result, name) == pytest.approx([each] * 20)
+    assert result.publish == pytest.approx([0.25, 0.0] * 10)
+    assert sum(result[1:]) == pytest.approx(result.total)
+    latency = tick_timing.command_latency(ring(20))
+    assert latency.stamp_ns.tolist() == [S + k * TICK for k in range(21)]
+    assert latency.latency_s == pytest.approx([12e-3] * 21)
+
+
+SLOW = {'latency_ms': lambda k: 51.0 if k == 7 else 12.0}
+TENTH = {'latency_ms': lambda k: 80.0, 'answered': lambda k: k % 2 == 0}
+PERIOD = {'mode': 'realtime', 'parameters': json.dumps({'controller': {'model.step_s': 0.1}})}
+
+
+@pytest.mark.parametrize(
+    ('bag', 'counts', 'missed'),
+    [
+        pytest.param(ring(20), (20, 0, 0, 0), 0, id='all answered'),
+        pytest.param(
+            ring(20, **SLOW, answered=lambda k: k != 3), (20, 1, 1, 0), 2, id='one late, one never'
+        ),
+        pytest.param(ring(20, **TENTH), (20, 10, 11, 0), 21, id='the period of the contract'),
+        pytest.param(
+            ring(20, **TENTH)._replace(records={'run': PERIOD}), (10, 0, 0, 0), 0, id='its period'
+        ),
+        # a command without a state answers nothing
+        pytest.param(ring(20, blind=(5, 6)), (20, 2, 0, 2), 2, id='blind'),
+        pytest.param(ring(20, **SLOW, blind=(5, 6)), (20, 2, 1, 2), 3, id='blind and late'),
+    ],
+)
+def test_a_tick_without_an_answer_or_with_a_late_one_is_missed(bag, counts, missed):
+    result = tick_timing.count_ticks(bag)
+    assert (result, result.missed) == (counts, missed)
+    # info counts the same
+    assert summarize_bag(bag)['ticks'] == {**result._asdict(), 'missed': missed}
+    simulated = bag._replace(recordings={**bag.recordings, '/clock': bag.recordings[STATE]})
+    assert tick_timing.count_ticks(simulated).late == 0
+
+
+SPARSE = {
+    'unheard': ring(20, unheard=True),
+    'unsaid': ring(20)._replace(recordings={k: ring(20).recordings[k] for k in (STATE, COMMAND)}),
+    'unsolved': ring(3, blind=range(4)),
+    'one command': ring(3, answered=lambda k: k == 1),
+}
+
+
+@pytest.mark.parametrize('bag', SPARSE.values(), ids=SPARSE)
+def test_what_a_bag_does_not_tell_is_a_dash(bag, capsys):
+    timing.show(tick_timing.timing_report(bag), Console(width=120))
+    (line,) = (item for item in capsys.readouterr().out.splitlines() if 'transport' in item)
+    assert set(line.split()[1:]) == {'-'}
+
+
+def test_the_report_has_quantiles_intervals_and_the_lateness_of_the_plant(tmp_path, capsys):
+    bag = ring(100, latency_ms=lambda k: 10.0 + 10.0 * (k == 50))
+    folder = write_recordings(tmp_path / 'bag', bag.recordings.values(), {})
+    assert cli.main(['timing', str(folder), '--json']) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result['mode'] == 'realtime'
+    assert result['ticks']['missed'] == 0
+    assert result['parts_ms']['total']['p50'] == pytest.approx(10.0)
+    assert result['parts_ms']['total']['max'] == pytest.approx(20.0)
+    assert result['parts_ms']['transport']['p99'] == pytest.approx(2.0)
+    assert result['interval_ms']['mean'] == pytest.approx(50.0)
+    assert result['interval_ms']['max'] == pytest.approx(60.0)
+    assert result['state_sent_after_its_stamp_ms']['p99'] == pytest.approx(1.0)
+    assert cli.main(['timing', str(folder)]) == 0
+    printed = capsys.readouterr().out
+    for text in ('transport', '100 ticks, 0 missed', 'mean interval 50.000 ms'):
+        assert text in printed
+    without = {k: v for k, v in bag.recordings.items() if k != STATE}
+    with pytest.raises(BagError, match='no message of /vehicle/odometry'):
+        tick_timing.timing_report(bag._replace(recordings=without))

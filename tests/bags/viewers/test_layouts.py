@@ -9,7 +9,6 @@ import pytest
 import yaml
 from example_messages import encoded
 
-from bags import markers_node
 from bags.viewers import marker_scene
 from experiments import simulation
 from msgs_yaml import contract, flat_fields, share
@@ -143,16 +142,3 @@ def test_rviz_shows_topics_of_the_contract_and_takes_what_is_offered():
         for qos in topic.qos.values():
             assert qos.reliability == 'reliable' or not wanted.reliable, topic.name
             assert (qos.durability == 'transient_local') == wanted.latched, topic.name
-
-
-def test_a_path_that_does_not_exist_is_found_out(messages):
-    with pytest.raises(AttributeError):
-        resolve(messages['/vehicle/odometry'], '.twist.twist.linear.u')
-    assert resolve(messages['/controller/why'], '.status[0].values[:]{key=="no"}.value') == []
-    with pytest.raises(IndexError):
-        resolve(messages['/vehicle/actuators'], '.position[99]')
-    assert '/vehicle/odometry/twist/twist/linear/u' not in series(
-        '/vehicle/odometry', messages['/vehicle/odometry']
-    )
-    picture = markers_node.marker_array(marker_scene.VEHICLE, 1, [])
-    assert resolve(picture, '.markers[0].action') == [3]

@@ -90,25 +90,20 @@ def test_it_draws_the_ring_with_its_own_parameters_and_outlives_bad_messages(nod
     assert body.scale.y == 1.7
 
 
-def test_bags_run_tells_it_what_car_drives_and_what_is_safe():
+def test_experiments_run_tells_it_what_car_drives_and_what_is_safe():
     facts = node_config.ScenarioFacts('name', '', 'name', 0.9, {}, {}, {}, np.zeros((2, 2)), 10.0)
-    chosen = node_config.find_controller('mpcc')
-    overrides = {'controller': {'safety.obstacle_m': 0.7}}
-    ring = node_config.build_nodes(facts, chosen, 'realtime', '/bag', '/notes', overrides)
-    text = node_config.build_markers_node(ring).parameters
-    assert text['mode'] == 'realtime'
-    assert text['safety.obstacle_m'] == 0.7
-    assert text['outline.front_m'] == pytest.approx(1.43 + 0.84)
-
-
-def test_its_defaults_are_those_of_the_shipped_car():
-    facts = node_config.ScenarioFacts('name', '', 'name', 1.0, {}, {}, {}, np.zeros((2, 2)), 10.0)
     mpcc = node_config.find_controller('mpcc')
-    ring = node_config.build_nodes(facts, mpcc, 'lockstep', '/b', '/n', {})
-    text = node_config.build_markers_node(ring).parameters
+
+    def told(mode, **overrides):
+        ring = node_config.build_nodes(facts, mpcc, mode, '/b', '/n', overrides)
+        return node_config.build_markers_node(ring).parameters
+
+    text = told('realtime', controller={'safety.obstacle_m': 0.7})
+    assert (text['mode'], text['safety.obstacle_m']) == ('realtime', 0.7)
+    # its defaults are those of the shipped car
+    shipped = told('lockstep')
     defaults = parameters.read_file(share.path('bags', 'config', 'markers.yaml')).values
-    for name, value in defaults.items():
-        assert text[name] == pytest.approx(value), name
+    assert {name: shipped[name] for name in defaults} == pytest.approx(defaults)
 
 
 def test_markers_are_topics_on_request():

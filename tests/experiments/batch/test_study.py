@@ -10,9 +10,9 @@ from experiments import drive_row
 from experiments.batch import distributions, study_file, study_rows
 from experiments.batch.distributions import Choice, LogUniform, Normal, Uniform
 from experiments.drive_row import NOMINAL, SCENARIO_FRICTION, SCENARIO_SPEED
+from experiments.families import draw as families
 from msgs_yaml import share
 from msgs_yaml.strict_yaml import read
-from scenario_publisher.families import draw as families
 
 MASS, LAG = 'plant.car.body.mass_kg', 'controller.tolerances.lag_m'
 FOUR = {

@@ -10,9 +10,9 @@ from bags.evaluation import metrics
 from bags.evaluation.metrics import survival
 from experiments import cli, code_version, pass_criteria, simulation
 from experiments.commands import library
+from experiments.families import draw, feasibility
 from experiments.library import catalogue, survival_table
 from scenario_publisher import scenario
-from scenario_publisher.families import draw, feasibility
 
 DOCS = Path(__file__).parents[3] / 'docs'
 QUICK = ('pop_up_late', 'oncoming_car')
