@@ -79,9 +79,9 @@ def _violation(values, low, high):
 class Assessor:
     """Compares answers to one problem with those of a reference solver."""
 
-    def __init__(self, problem: StageProblem, compiled: bool = True):
+    def __init__(self, problem: StageProblem):
         self.plan_cost = PlanCost(problem)
-        self._reference = ReferenceSolver(problem, 'ipopt', REFERENCE, compiled)
+        self._reference = ReferenceSolver(problem, 'ipopt', REFERENCE, compiled=True)
         self._minima: dict[bytes, tuple[Plan, float] | None] = {}
 
     def assess(self, task: Task, plan: Plan) -> Assessment:

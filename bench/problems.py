@@ -1,6 +1,6 @@
 """The problems of closed loops and how each solver starts on them."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import closed_loops
@@ -11,7 +11,7 @@ from mpcc_controller.driving import guesses, tick_solvers
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.fallback import Plans
 from mpcc_controller.model.single_track import State
-from mpcc_controller.parameters import ControllerParams, Fallback
+from mpcc_controller.parameters import Fallback
 from mpcc_controller.path import reference_path
 from msgs_yaml.types import Obstacle
 from stage_solver.reference_solvers import ReferenceSolver
@@ -72,20 +72,14 @@ class Recorder:
         return self.inner.solve(*arguments)
 
 
-def record(
-    loops: Iterable[Loop],
-    params_of: Callable[[str], ControllerParams] = closed_loops.controller_params,
-) -> list[Posed]:
-    """Drive the loops and return their problems; equal loops give equal problems.
-
-    `params_of` returns the parameters of a loop's controller by its name.
-    """
+def record(loops: Iterable[Loop]) -> list[Posed]:
+    """Drive the loops and return their problems; equal loops give equal problems."""
     random = np.random.default_rng(POP_UP_SEED)
-    return [posed for loop in loops for posed in _recorded(loop, params_of, random)]
+    return [posed for loop in loops for posed in _recorded(loop, random)]
 
 
-def _recorded(loop, params_of, random) -> Iterator[Posed]:
-    params = params_of(loop.controller)
+def _recorded(loop, random) -> Iterator[Posed]:
+    params = closed_loops.controller_params(loop.controller)
     scn = closed_loops.load_scenario(loop.scenario, loop.speed)
     controller = closed_loops.make_controller(params, scn.friction)
     parts, model = controller.parts, controller.params.model

@@ -1,6 +1,6 @@
 """How fast and how good are the solvers? Rows of docs/performance.md, tables of docs/solver.md.
 
-    .venv/bin/python bench/solver_comparison.py [--quick] [--passes 3] [--interpreted] [--out bench]
+    .venv/bin/python bench/solver_comparison.py [--quick] [--passes 3] [--out bench]
 
 They solve the problems of closed loops. Writes solver.md into the folder --out: warm, cold and
 surprised starts in turn and alone, the slowest problems, the time to make a controller, and one
@@ -55,8 +55,8 @@ METHOD = (
     'tick of a loop has no plan to start from and is not among the warm starts. "Alone": the same '
     'problems, one solver after the other, so that each has the caches of the processor for '
     'itself, as in a controller. "Pop-up": an obstacle has appeared 15 to 40 m ahead. `_c`: CasADi '
-    f'functions compiled by gcc -O2; `_vm`: interpreted; `{NATIVE}`: with {" ".join(NATIVE_FLAGS)},'
-    f' as our own solver may use it. `{ONE_STEP}`: from a plan it ends after the first step that '
+    f'functions compiled by gcc -O2; `{NATIVE}`: with {" ".join(NATIVE_FLAGS)}, as'
+    f' our own solver may use it. `{ONE_STEP}`: from a plan it ends after the first step that '
     'leaves little to gain (docs/solver.md); without a plan it converges.\n\n'
     f'Good: residual of every constraint at most {MAX_RESIDUAL:g} (m, rad, kN, ...) and cost '
     f'within {MAX_GAP:g} (relative) of what IPOPT finds with a tolerance of 1e-8 from the same '
@@ -72,14 +72,13 @@ class Variant(NamedTuple):
     label: str
     options: SolverOptions
     reference: str = ''  # of `reference_solvers.NAMES`; '' is our own solver
-    flags: tuple[str, ...] | None = None  # of the compiler for CasADi's functions; None: none
+    flags: tuple[str, ...] = ()  # of the compiler for the functions of a reference
 
     def make(self, problem: StageProblem) -> StageSolver | ReferenceSolver:
         """Return the solver; compiles what is not in the cache."""
         if not self.reference:
             return solver.make_solver(problem, self.options)
-        compiled = self.flags is not None
-        return ReferenceSolver(problem, self.reference, self.options, compiled, self.flags)
+        return ReferenceSolver(problem, self.reference, self.options, True, self.flags)
 
 
 class Answer(NamedTuple):
@@ -90,8 +89,8 @@ class Answer(NamedTuple):
     message: str
 
 
-def available(params: ControllerParams, interpreted: bool) -> list[Variant]:
-    """Return the available variants, ours first; `interpreted` adds CasADi's interpreter."""
+def available(params: ControllerParams) -> list[Variant]:
+    """Return the available variants, ours first."""
     stepping = closed_loops.with_solver(params, mode='one_step')
     one_step = tick_solvers.solver_options(stepping, limit_time=False)
     options = replace(one_step, one_step=None)
@@ -100,18 +99,13 @@ def available(params: ControllerParams, interpreted: bool) -> list[Variant]:
         variants.append(Variant(f'{name}_c', options, name, compiled_functions.FLAGS))
         if f'{name}_c' == BASELINE:
             variants.append(Variant(NATIVE, options, name, NATIVE_FLAGS))
-        if interpreted:
-            variants.append(Variant(f'{name}_vm', options, name))
     return variants
 
 
 def run(
-    solvers: dict[str, StageSolver],
-    given: dict[str, list[Task]],
-    passes: int,
-    report: Callable[[], None] = lambda: None,
+    solvers: dict[str, StageSolver], given: dict[str, list[Task]], passes: int
 ) -> tuple[dict[str, list[Answer]], dict[str, np.ndarray]]:
-    """Solve all tasks `passes` times, the solvers in turn; call `report` after every task.
+    """Solve all tasks `passes` times, the solvers in turn.
 
     Returns by label the answers of the last pass and the times [s], (passes, tasks). A busy machine
     slows all solvers alike.
@@ -134,7 +128,6 @@ def run(
                     seconds[label][a_pass, j] = time.perf_counter() - began
                     plan = Plan(solution.plan.X, solution.plan.U)
                     answers[label][j] = Answer(plan, solution.iterations, solution.message)
-                report()
     finally:
         gc.enable()
     return answers, seconds
@@ -276,7 +269,6 @@ def main() -> None:
     )
     parser.add_argument('--quick', action='store_true', help='few problems, starts only')
     parser.add_argument('--passes', type=int, help='how often each problem is solved')
-    parser.add_argument('--interpreted', action='store_true', help='also without compiled code')
     parser.add_argument('--out', type=Path, default=Path(__file__).parent, help='folder to write')
     options = parser.parse_args()
     passes = options.passes or (QUICK_PASSES if options.quick else FULL_PASSES)
@@ -290,7 +282,7 @@ def main() -> None:
     with Progress() as progress:
         loops = closed_loops.QUICK if options.quick else closed_loops.FULL
         given = problems.record(progress.track(loops, description='driving'))
-        chosen = available(params, options.interpreted)
+        chosen = available(params)
         parts = texts(compare(given, problem, params, chosen, passes, progress.track))
         if not options.quick:
             parts += [start_up(params), one_step.table(params, progress.track)]

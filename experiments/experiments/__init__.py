@@ -9,11 +9,11 @@ Run
     preview            a scenario before it is driven
     families           random emergencies as scenario files
     library            who survives the families and the entries of emergencies
-    settings           random settings of everything that the paper does not print, and the study
 Analyse
     replay             recorded ticks through today's controller
     results            tables and plots of the drives of a batch
     survivable         which emergencies any driver can survive
+    settings_study     the published shares of the study over many settings
     tuning             controller weights by Bayesian optimisation
 Common
     cli, commands      the command `experiments`

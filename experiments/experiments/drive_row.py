@@ -107,8 +107,9 @@ class Row(NamedTuple):
         """Return what tells this row apart, by the name of its column in a table."""
         scene = self.draw
         drawn = {} if scene is None else scene._asdict()
+        is_file = scene is None and Path(self.scenario).suffix
         return {
-            'scenario': _name(self.scenario) if scene is None else self.scenario,
+            'scenario': scenario.load(self.scenario).name if is_file else self.scenario,
             'family': drawn.get('family'),
             'difficulty': drawn.get('difficulty'),
             'seed': drawn.get('seed'),
@@ -122,10 +123,6 @@ class Row(NamedTuple):
 
 def _is_list(value):
     return isinstance(value, list | tuple)
-
-
-def _name(scenario_name):
-    return scenario.load(scenario_name).name if Path(scenario_name).suffix else scenario_name
 
 
 @cache

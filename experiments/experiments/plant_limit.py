@@ -3,7 +3,6 @@
 import json
 import os
 from functools import cache, lru_cache
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -69,11 +68,5 @@ def _sources():
     """Return a digest of the manoeuvre, the plants' code and the libraries that they stand on."""
     files = sorted(Path(vehicle_plant.__file__).parent.rglob('*.py'))
     code = [file.read_text() for file in (*files, plant_parameters.config_file(MANOEUVRE))]
-    return provenance.digest('\0'.join((*code, *map(_version, LIBRARIES))))
-
-
-def _version(library):
-    try:
-        return metadata.version(library)
-    except metadata.PackageNotFoundError:  # the second plant is an option
-        return ''
+    versions = provenance.versions()
+    return provenance.digest('\0'.join((*code, *(versions[name] for name in LIBRARIES))))

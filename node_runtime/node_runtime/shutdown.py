@@ -5,7 +5,7 @@ older than GCC 10, as in the wheels, the time point that stands for "without end
 (https://github.com/eProsima/Fast-DDS/issues/6513): the wait returns at once, again and again, and
 the C library refuses that time point before it releases the lock. A running callback that needs the
 lock, and with it the process, then hangs for ever. Of 1,500 shutdowns of ten processes that left at
-the same time, and discovered that of each other, 17 hung (bench/shutdown_hangs.py).
+the same time, and discovered that of each other, 17 hung.
 
 `drop_incoming` makes that rare: the process receives nothing while it shuts down. `exit_after` ends
 a process that hangs all the same.

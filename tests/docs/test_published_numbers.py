@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.settings import recompute
+from experiments import settings_study
 
 ROOT = Path(__file__).parents[2]
 MATCHED, LINEAGE = 'frenet_matched', 'frenet_lineage'
@@ -18,12 +18,12 @@ def page(name):
 
 @pytest.fixture(scope='module')
 def study():
-    return recompute.read(ROOT / 'paper/settings')
+    return settings_study.read(ROOT / 'paper/settings')
 
 
 @pytest.fixture(scope='module')
 def shares(study):
-    return {(share.baseline, share.claim): share for share in recompute.shares(study)}
+    return {(share.baseline, share.claim): share for share in settings_study.shares(study)}
 
 
 def test_readme_says_what_was_fixed_beforehand_and_what_the_drives_show(study, shares):
@@ -37,7 +37,7 @@ def test_readme_says_what_was_fixed_beforehand_and_what_the_drives_show(study, s
         shares[MATCHED, claim] for claim in ('unsafe_area', 'sideslip', 'conjunction')
     )
     for words in (
-        f'{study.rules.runs.confirmatory.count:,} settings of them were drawn',
+        f'{study.rules["runs"]["confirmatory"]["count"]:,} settings of them were drawn',
         f'hold in {sideslip.settings} of them',
         f'{percent} of the settings',
         f'in {sideslip.holds} of {sideslip.settings} settings',
@@ -80,7 +80,7 @@ def test_results_have_every_median_of_mpcc_less_baseline(shares, claim, unit, si
 
 
 def test_results_have_who_brakes_later_and_who_alone(study):
-    matched, lineage = recompute.braking(study)
+    matched, lineage = settings_study.braking(study)
     assert (matched.baseline, lineage.baseline) == (MATCHED, LINEAGE)
     assert (
         f'10 m *later* in {matched.later} of the {matched.both} and earlier in {matched.earlier}; '

@@ -22,10 +22,9 @@ def test_between_the_frictions_of_the_grid_the_limit_is_that_of_the_circle(setup
     assert plant_limit.held_lateral_limit(setup.plant, friction) == pytest.approx(driven, rel=5e-3)
 
 
-def test_a_limit_is_driven_once_and_kept(setup, tmp_path, monkeypatch):
+def test_a_limit_is_driven_once_for_a_manoeuvre_and_kept(setup, tmp_path, monkeypatch):
     monkeypatch.setenv('MPCC_CACHE_DIR', str(tmp_path))
-    drives = []
-    genuine = plant_limit.lateral_limit
+    drives, genuine = [], plant_limit.lateral_limit
     monkeypatch.setattr(
         plant_limit, 'lateral_limit', lambda *given: drives.append(given) or genuine(*given)
     )
@@ -34,9 +33,6 @@ def test_a_limit_is_driven_once_and_kept(setup, tmp_path, monkeypatch):
         plant_limit._limit_at.cache_clear()  # as in another process
         limits.add(plant_limit.held_lateral_limit(setup.plant, 0.2))
     assert len(drives) == len(limits) == 1
-
-
-def test_another_manoeuvre_has_limits_of_its_own(monkeypatch):
     digests = set()
     for manoeuvre in ('identify.yaml', 'manoeuvres.yaml'):
         monkeypatch.setattr(plant_limit, 'MANOEUVRE', manoeuvre)
@@ -47,33 +43,27 @@ def test_another_manoeuvre_has_limits_of_its_own(monkeypatch):
 
 
 def test_a_car_that_cannot_drive_the_circle_has_no_limit(setup):
-    car = setup.plant.car
-    axles = (car.force.front, car.force.rear)
-    front, rear = (dataclasses.replace(axle, drive_n=0.0) for axle in axles)
-    car = dataclasses.replace(car, force=dataclasses.replace(car.force, front=front, rear=rear))
+    force = setup.plant.car.force
+    still = {
+        name: dataclasses.replace(getattr(force, name), drive_n=0.0) for name in ('front', 'rear')
+    }
+    car = dataclasses.replace(setup.plant.car, force=dataclasses.replace(force, **still))
     plant = dataclasses.replace(setup.plant, car=car)
     assert plant_limit.held_lateral_limit(plant, 1.0) is None
 
 
-def test_a_car_that_holds_the_circle_uses_its_limit_and_not_more(setup):
-    """Peaks of a lane change reach what a steady turn holds, a wet road lowers both alike."""
-    for friction in (1.0, 0.7):
-        wet = dataclasses.replace(setup.params.model, friction=friction)
-        params = dataclasses.replace(setup.params, model=wet)
-        drive = simulation.drive(setup._replace(friction=friction, params=params))
-        used = compute_metrics(drive)['lateral_limit_use_plant']
-        assert 0.9 < used < 1.05
+@pytest.mark.parametrize('friction', [1.0, 0.7])
+def test_peaks_of_a_lane_change_reach_what_a_steady_turn_holds(setup, friction):
+    model = dataclasses.replace(setup.params.model, friction=friction)
+    params = dataclasses.replace(setup.params, model=model)
+    drive = simulation.drive(setup._replace(friction=friction, params=params))
+    assert 0.9 < compute_metrics(drive)['lateral_limit_use_plant'] < 1.05
 
 
-def test_a_road_with_patches_has_no_single_limit(setup):
-    assert LATERAL_LIMIT in simulation.run_info(setup)
+def test_a_row_that_leaves_it_out_and_a_road_with_patches_have_no_limit(setup):
+    for known in (True, False):
+        row = Row('double_lane_change', 'mpcc', knows_limit=known)
+        assert (LATERAL_LIMIT in simulation.run_info(drive_row.prepare(row))) == known
     patches = Patches((0.0, -2.0, 50.0, -2.0, 50.0, 2.0, 0.0, 2.0), (0.3,))
     split = setup._replace(scn=setup.scn._replace(patches=patches))
     assert LATERAL_LIMIT not in simulation.run_info(split)
-
-
-def test_a_row_may_leave_the_limit_out():
-    for known in (True, False):
-        row = Row('double_lane_change', 'mpcc', knows_limit=known)
-        info = simulation.run_info(drive_row.prepare(row))
-        assert (LATERAL_LIMIT in info) == known

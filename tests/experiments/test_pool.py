@@ -37,6 +37,10 @@ def same():
     return {'version': '1'}
 
 
+def process():
+    return {'process': str(os.getpid())}
+
+
 @pytest.fixture
 def cluster(tmp_path):
     with Cluster(tmp_path / 'cluster') as one:
@@ -75,79 +79,53 @@ def test_a_process_ends_with_the_program_that_started_it(number):
     wait_until(lambda: not lives(worker), TIMEOUT_S, 'the process outlives its program')
 
 
-def fail_alone(pool):
-    """Do tasks that raise, end their process or take too long; return their errors and values."""
-    # one that has a limit is given to a process that has imported what it needs: how long that
-    # takes depends on what else the machine does
-    ended = [*pool.finish_each(eval, [('2**3',), ('1 / 0',), (EXITS,), (OWN_KILL,)])]
-    ended += pool.finish_each(eval, [('2**3',), (WAITS,)], 8.0)
-    return sorted((str(one.error or ''), one.value) for one in ended)
+@pytest.mark.parametrize('where', ['here', pytest.param('cluster', marks=pytest.mark.slow)])
+def test_a_task_that_raises_ends_its_process_or_takes_too_long_fails_alone(request, where):
+    address = request.getfixturevalue('kept').address if where == 'cluster' else ''
+    with Pool(1, address, same) as pool:
+        (before,) = set(pool.run(os.getpid, [()] * 2))
+    with Pool(1, address, same) as pool:
+        # every command has new processes
+        assert pool.run(os.getpid, [()]) != [before]
+        # a limit is for a process that has imported what it needs: how long that takes depends on
+        # what else the machine does
+        ended = [*pool.finish_each(eval, [('2**3',), ('1 / 0',), (EXITS,), (OWN_KILL,)])]
+        ended += pool.finish_each(eval, [('2**3',), (WAITS,)], 8.0)
+    assert sorted((str(one.error or ''), one.value) for one in ended) == [
+        ('', 8),
+        ('', 8),
+        ('division by zero', None),
+        ('its process ended with exit code 3', None),
+        ('its process was ended after 8 s', None),
+        ('its process was ended by SIGKILL (out of memory?)', None),
+    ]
 
 
-FAILED_ALONE = [
-    ('', 8),
-    ('', 8),
-    ('division by zero', None),
-    ('its process ended with exit code 3', None),
-    ('its process was ended after 8 s', None),
-    ('its process was ended by SIGKILL (out of memory?)', None),
-]
-
-
-def test_a_task_that_raises_ends_its_process_or_takes_too_long_fails_alone():
-    with Pool(1) as pool:
-        assert fail_alone(pool) == FAILED_ALONE
-
-
-def test_an_error_shows_where_in_the_process_it_was_raised():
-    with Pool(1) as pool, pytest.raises(ZeroDivisionError) as caught:
-        pool.run(eval, [('1',), ('1 / 0',)])
-    assert 'line 1, in <module>' in str(caught.value.__cause__)
-
-
-def test_a_process_that_ended_without_work_is_replaced():
+def test_after_an_error_or_the_end_of_a_process_a_pool_goes_on():
+    with Pool(2) as pool:
+        with pytest.raises(ZeroDivisionError) as caught:
+            pool.run(eval, [('1 / 0',), ("__import__('time').sleep(0.2)",)])
+        # it shows where in the process it was raised
+        assert 'line 1, in <module>' in str(caught.value.__cause__)
+        assert pool.run(eval, [('1',), ('2',), ('3',)]) == [1, 2, 3]
     with Pool(1) as pool:
         (first,) = pool.run(os.getpid, [()])
         os.kill(first, signal.SIGKILL)
         wait_until(lambda: not lives(first), TIMEOUT_S, 'a killed process lives')
-        (second,) = pool.run(os.getpid, [()])
-    assert second != first
+        assert pool.run(os.getpid, [()]) != [first]
 
 
-def test_answers_to_a_call_that_failed_are_no_answers_to_the_next():
-    with Pool(2) as pool:
-        with pytest.raises(ZeroDivisionError):
-            pool.run(eval, [('1 / 0',), ("__import__('time').sleep(0.2)",)])
-        assert pool.run(eval, [('1',), ('2',), ('3',)]) == [1, 2, 3]
-
-
-def test_a_process_that_cannot_start_is_an_error(monkeypatch):
-    monkeypatch.setattr(sys, 'executable', '/bin/false')
-    with Pool(1) as pool, pytest.raises(BagError, match=r'cannot start .* exit code 1'):
-        pool.run(eval, [('1',)])
-
-
-def test_an_address_where_nothing_listens_is_an_error(monkeypatch):
+def test_a_pool_that_cannot_begin_says_why(monkeypatch):
+    with monkeypatch.context() as patched:
+        patched.setattr(sys, 'executable', '/bin/false')
+        with Pool(1) as pool, pytest.raises(BagError, match=r'cannot start .* exit code 1'):
+            pool.run(eval, [('1',)])
     monkeypatch.setattr('experiments.pool.CONNECT_S', 0.2)
     with pytest.raises(BagError, match='no scheduler answers'):
         Pool(1, 'tcp://127.0.0.1:9', same).__enter__()
-
-
-def test_without_the_library_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, 'distributed', None)
     with pytest.raises(BagError, match='pip install distributed'):
         Pool(1).__enter__()
-
-
-@pytest.mark.slow
-def test_tasks_fail_alone_on_a_cluster_and_every_command_has_new_processes(kept):
-    seen = []
-    for _ in range(2):
-        with Pool(1, kept.address, same) as pool:
-            seen.append(set(pool.run(eval, [("__import__('os').getpid()",)] * 2)))
-            assert fail_alone(pool) == FAILED_ALONE
-    assert [len(pids) for pids in seen] == [1, 1]
-    assert seen[0] != seen[1]
 
 
 @pytest.mark.slow
@@ -162,31 +140,11 @@ def test_tasks_of_a_worker_that_ends_are_done_by_the_others(cluster, tmp_path, o
 
 
 @pytest.mark.slow
-def test_without_a_worker_the_error_says_how_to_start_one(cluster, monkeypatch):
-    monkeypatch.setattr('experiments.pool.WORKERS_S', 0.2)
-    with (
-        Pool(1, cluster.address, same) as pool,
-        pytest.raises(BagError, match=r'no worker in 0.2 s; start some: dask worker tcp://.*'),
-    ):
-        pool.run(eval, [('1',)])
-
-
-def process():
-    return {'process': str(os.getpid())}
-
-
-@pytest.mark.slow
-def test_a_process_with_other_versions_is_refused(kept):
-    here = os.getpid()
-    with (
-        Pool(1, kept.address, process) as pool,
-        pytest.raises(BagError, match=rf"process is '\d+', '{here}' where the command runs"),
-    ):
-        pool.run(eval, [('1',)])
-
-
-@pytest.mark.slow
-def test_a_scheduler_that_ends_is_an_error(cluster):
+def test_a_cluster_without_workers_or_scheduler_is_an_error(cluster, monkeypatch):
+    with monkeypatch.context() as patched, Pool(1, cluster.address, same) as pool:
+        patched.setattr('experiments.pool.WORKERS_S', 0.2)
+        with pytest.raises(BagError, match=r'no worker in 0.2 s; start some: dask worker tcp://.*'):
+            pool.run(eval, [('1',)])
     cluster.start_worker()
     with Pool(1, cluster.address, same) as pool:
         ended = pool.finish_each(eval, [('1',), (WAITS,)])
@@ -197,12 +155,16 @@ def test_a_scheduler_that_ends_is_an_error(cluster):
 
 
 @pytest.mark.slow
-def test_a_worker_without_the_modules_of_the_command_is_refused(kept, tmp_path, monkeypatch):
+def test_a_worker_with_other_versions_or_without_the_modules_is_refused(
+    kept, tmp_path, monkeypatch
+):
+    here = os.getpid()
     (tmp_path / 'only_here.py').write_text('def describe():\n    return {}\n')
     monkeypatch.syspath_prepend(tmp_path)
     describe = importlib.import_module('only_here').describe
-    with (
-        Pool(1, kept.address, describe) as pool,
-        pytest.raises(BagError, match=r"'only_here'; is this project installed"),
+    for wanted, message in (
+        (process, rf"process is '\d+', '{here}' where the command runs"),
+        (describe, r"'only_here'; is this project installed"),
     ):
-        pool.run(eval, [('1',)])
+        with Pool(1, kept.address, wanted) as pool, pytest.raises(BagError, match=message):
+            pool.run(eval, [('1',)])

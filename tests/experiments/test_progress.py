@@ -10,39 +10,26 @@ from experiments import progress
 from experiments.progress import RunProgress
 
 
-@pytest.fixture
-def shown(monkeypatch):
-    """Return shown(is_terminal): what 60 s of a run with ten looks per second write."""
+@pytest.mark.parametrize('is_terminal', [True, False])
+def test_60_s_of_a_run_are_a_line_that_changes_or_plain_ones_every_few_seconds(
+    monkeypatch, is_terminal
+):
     now = [0.0]
     # only where this module asks for the time: rich draws by its own clock
     monkeypatch.setattr(progress, 'time', SimpleNamespace(monotonic=lambda: now[0]))
-
-    def run(is_terminal):
-        text = io.StringIO()
-        console = Console(file=text, force_terminal=is_terminal, width=200)
-        with RunProgress(console) as bars:
-            bars.begin('mpcc', 100.0)
-            for tenth in range(600):
-                now[0] = tenth / 10
-                bars.show(tenth / 10, tenth / 6, 20.0)
-            bars.end('mpcc', True, 'finish line crossed')
-        return text.getvalue()
-
-    return run
-
-
-def test_without_a_terminal_there_is_a_plain_line_every_few_seconds(shown):
-    text = shown(False)
-    first, *between, last = text.splitlines()
-    assert first == 'mpcc: starting the nodes'
-    assert all(line.startswith('mpcc: t ') and 'station' in line for line in between)
-    assert len(between) == 60 / progress.LINE_EVERY_S - 1
-    assert last == 'mpcc: finish line crossed'
-    assert '\r' not in text
-    assert '\x1b' not in text
-
-
-def test_on_a_terminal_a_line_changes_in_place(shown):
-    text = shown(True)
-    assert '\x1b' in text
-    assert 'mpcc: starting' not in text
+    text = io.StringIO()
+    with RunProgress(Console(file=text, force_terminal=is_terminal, width=200)) as bars:
+        bars.begin('mpcc', 100.0)
+        for tenth in range(600):
+            now[0] = tenth / 10
+            bars.show(tenth / 10, tenth / 6, 20.0)
+        bars.end('mpcc', True, 'finish line crossed')
+    shown = text.getvalue()
+    assert ('\x1b' in shown) == is_terminal
+    assert ('mpcc: starting' in shown) != is_terminal
+    if not is_terminal:
+        first, *between, last = shown.splitlines()
+        assert (first, last) == ('mpcc: starting the nodes', 'mpcc: finish line crossed')
+        assert all(line.startswith('mpcc: t ') and 'station' in line for line in between)
+        assert len(between) == 60 / progress.LINE_EVERY_S - 1
+        assert '\r' not in shown

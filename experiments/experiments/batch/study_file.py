@@ -23,6 +23,7 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args
 from bags.errors import BagError
 from experiments.batch import distributions
 from experiments.batch.distributions import MAX_DRAWS, Distribution
+from experiments.configuration import set_option
 from experiments.configuration.inputs import PLANT_CAR
 from experiments.drive_row import ROLES, SCENARIO_FRICTION, SCENARIO_SETTINGS, SCENARIO_SPEED
 from experiments.families.draw import FAMILIES, NOMINAL
@@ -58,7 +59,7 @@ class Setting(NamedTuple):
 
     name: str  # plant.friction, controller.tolerances.lag_m, scenario.speed_mps
     values: tuple[Any, ...]
-    items: tuple[Item, ...]  # the values in the file, for errors
+    items: Sequence[Item]  # the values in the file, for errors
 
 
 class Drawn(NamedTuple):
@@ -136,7 +137,10 @@ def _parse(path, root):
         values.get('families', ()),
         values.get('difficulty', NOMINAL),
         _expand(path.parent, _filled(members['controllers']), values['controllers']),
-        tuple(map(_parse_setting, settings)),
+        tuple(
+            Setting(name, tuple(_value(name, value) for value in values), values)
+            for name, values in ((_setting_name(item, 'set'), _filled(item)) for item in settings)
+        ),
         tuple(map(_parse_drawn, drawn)),
         _draws(root, members, values),
         values.get('runs', 1),
@@ -205,12 +209,6 @@ def _expand(folder, items, words):
     return tuple(dict.fromkeys(names))
 
 
-def _parse_setting(item):
-    name = _setting_name(item, 'set')
-    items = tuple(_filled(item))
-    return Setting(name, tuple(_value(name, value) for value in items), items)
-
-
 def _parse_drawn(item):
     name = _setting_name(item, 'draw')
     distribution = distributions.parse(item)
@@ -240,10 +238,5 @@ def _setting_name(item, field):
 def _value(name, item):
     if name in SCENARIO_SETTINGS:
         return parse_value(SCENARIO_SETTINGS[name], item)
-    value = item.value()
-    members = value if isinstance(value, list) else [value]
-    if any(isinstance(member, dict | list) for member in members):
-        raise item.error(
-            'is no parameter; allowed a number, true, false, a word, or a list of them'
-        )
+    value = set_option.file_value(item)
     return tuple(value) if isinstance(value, list) else value

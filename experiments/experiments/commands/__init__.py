@@ -17,6 +17,14 @@ def positive_count(text: str) -> int:
     return value
 
 
+def count(text: str) -> int:
+    """Return the whole number in an argument; argparse's error unless it is 0 or more."""
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f'must be 0 or more, is {text}')
+    return value
+
+
 def positive_number(text: str) -> float:
     """Return the value of an option that must be positive and finite."""
     value = float(text)
@@ -36,13 +44,13 @@ def add_jobs(parser: argparse.ArgumentParser, constant: str) -> None:
     )
 
 
-def add_dask(parser: argparse.ArgumentParser, part: str = '') -> None:
-    """Add the option --dask; `part` begins its help."""
+def add_dask(parser: argparse.ArgumentParser) -> None:
+    """Add the option --dask."""
     parser.add_argument(
         '--dask',
         default='',
         metavar='ADDRESS',
-        help=f'{part}of a dask scheduler, as tcp://10.0.0.1:8786, whose workers do the drives; '
+        help='of a dask scheduler, as tcp://10.0.0.1:8786, whose workers do the drives; '
         'instead of --jobs (docs/batch.md)',
     )
 

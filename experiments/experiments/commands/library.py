@@ -18,7 +18,14 @@ from pathlib import Path
 from rich.console import Console
 
 from bags.errors import BagError
-from experiments.commands import add_dask, add_jobs, add_list, add_time_limit, positive_count
+from experiments.commands import (
+    add_dask,
+    add_jobs,
+    add_list,
+    add_time_limit,
+    count,
+    positive_count,
+)
 
 HELP = 'drive families of emergencies; who survived, with intervals and causes'
 EXAMPLE = (
@@ -46,21 +53,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='drive the scenarios with `expect:` in their file, and check what they expect',
     )
-    what.add_argument(
-        '--draw-entries',
-        action='store_true',
-        help='draw a picture of each scenario with `expect:` into --out DIR',
-    )
     add_list(parser, '--family', 'a family', 'all of them', metavar='F')
     add_list(parser, '--entry', 'with --entries: one of them', 'all of them', metavar='E')
     text = f'draws per family (default: {DRAWS})'
     parser.add_argument('--draws', type=positive_count, default=DRAWS, metavar='N', help=text)
     parser.add_argument(
-        '--first', type=_count, default=0, metavar='INDEX', help='the first draw (default: 0)'
+        '--first', type=count, default=0, metavar='INDEX', help='the first draw (default: 0)'
     )
     parser.add_argument(
         '--seed',
-        type=_count,
+        type=count,
         default=SEED,
         metavar='S',
         help=f'of the draws; tune below 1000, judge from 1000 on (default: {SEED})',
@@ -98,20 +100,11 @@ def run(options: argparse.Namespace) -> int:
         return catalogue.write_draw(
             options.draw, options.seed, options.difficulty, options.out, console
         )
-    if options.draw_entries:
-        return catalogue.draw_entries(options.out, console)
 
     from experiments.library import run_library
 
     families, entries = catalogue.choose(options.family, options.entries, options.entry)
     return run_library.run(options, families, entries, console)
-
-
-def _count(text):
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f'must be 0 or more, is {text}')
-    return value
 
 
 def _share(text):

@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
         chosen = tick_choice.choose(bag, moment)
         print_text(console, str(chosen))
         number = chosen.number
-    answer = resolve.resolve(bag, resolve.Request(number, changes, options.sensitivities))
+    answer = resolve.answer(bag, resolve.pose(bag, number), changes, options.sensitivities)
     resolve.show(answer, console)
     folder = options.out or Path(os.path.abspath(bag.files[0])).parent.parent / 'figures'
     picture, _ = horizon_figure.write(answer, folder / f'{answer.name}_tick_{answer.tick.number}')

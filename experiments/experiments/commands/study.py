@@ -23,10 +23,10 @@ def run(options: argparse.Namespace) -> int:
     # imported late: pandas takes half a second to load
     import pandas as pd
 
-    from experiments.settings import recompute
+    from experiments import settings_study
 
-    study, console = recompute.read(options.folder), Console()
-    for rows in (recompute.shares(study), recompute.braking(study)):
+    study, console = settings_study.read(options.folder), Console()
+    for rows in (settings_study.shares(study), settings_study.braking(study)):
         table = pd.DataFrame(rows).to_string(index=False, float_format='{:.3f}'.format)
         console.print(table, markup=False, highlight=False, soft_wrap=True)
     return 0

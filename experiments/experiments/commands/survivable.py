@@ -19,7 +19,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from experiments.commands import add_jobs
+from experiments.commands import add_jobs, count
 
 HELP = 'which lost drives were possible; controllers paired on the same draws'
 EXAMPLE = 'experiments survivable /tmp/library --base mpcc_road'
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--budget',
-        type=_count,
+        type=count,
         default=BUDGET,
         metavar='N',
         help=f'rollouts of a search; 0 searches nothing (default: {BUDGET})',
@@ -71,10 +71,3 @@ def run(options: argparse.Namespace) -> int:
         jobs=options.jobs,
         table=options.table,
     )
-
-
-def _count(text):
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f'must be 0 or more, is {text}')
-    return value

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from bags.command_line import print_text
 from experiments.commands import add_list, add_table
 
 HELP = 'marginals of a metric over columns of a table of drives; pairs of controllers'
@@ -31,19 +32,38 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Show a table; 0. Raises BagError."""
+    """Print the table and write its files; 0. Raises BagError."""
     # imported late: pandas takes a second to load
-    from experiments.results import table_command
+    from rich.table import Table
 
-    return table_command.show(
-        table_command.Request(
-            options.table,
-            options.metric,
-            options.by,
-            tuple(options.pair) if options.pair else None,
-            options.bins,
-            options.csv,
-            options.markdown,
-        ),
-        Console(),
-    )
+    from experiments.results import drive_table, marginals
+
+    table, console = drive_table.load(options.table), Console()
+    by, pair = options.by, options.pair
+    if pair:
+        result = marginals.compare(table, options.metric, tuple(pair), by, options.bins)
+    else:
+        by = by or [name for name in (drive_table.CONTROLLER,) if name in table.rows]
+        result = marginals.summarise(table, options.metric, by, options.bins)
+    texts = [[*map(marginals.level_text, row)] for row in result.itertuples(index=False)]
+    shown = Table(box=None, padding=(0, 2, 0, 0))
+    for name in result:
+        shown.add_column(name, justify='left' if name in by else 'right')
+    for row in texts:
+        shown.add_row(*row)
+    minus = f' of {pair[0]} minus {pair[1]}' if pair else ''
+    print_text(console, f'{options.metric}{minus}')
+    console.print(shown)
+    if table.failed:
+        print_text(console, f'{table.failed:,} drives without a result are left out')
+    if not pair and marginals.repeats(table) and 'share' in result:
+        print_text(console, 'some drives are repeats of others: the true intervals are wider')
+    lines = [list(result), ['---'] * len(result.columns), *texts]
+    markdown = ''.join(f'| {" | ".join(line)} |\n' for line in lines)
+    csv = result.map(marginals.plain).to_csv(index=False)
+    for path, text in ((options.csv, csv), (options.markdown, markdown)):
+        if path:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
+            print_text(console, str(path))
+    return 0

@@ -236,16 +236,11 @@ def describe_misfit(nodes: Sequence[Node], checked: Mapping[str, tuple[Any, Any]
     `checked` is from `check_parameters(nodes)`.
     """
     (params, vehicle), (_, plant) = checked[CONTROLLER], checked['plant']
-    reasons = car_mismatches(params, vehicle, plant, _is_varied(nodes))
+    given = [name for node in nodes if node.role == 'plant' for name in node.parameters]
+    reasons = car_mismatches(params, vehicle, plant, any(name in VARIED for name in given))
     if not reasons:
         return []
     return [f'car_file {params.car_file} does not fit the plant: {"; ".join(reasons)}']
-
-
-def _is_varied(nodes):
-    """Return whether a mass or a position of the plant's car is set by its name."""
-    given = [name for node in nodes if node.role == 'plant' for name in node.parameters]
-    return any(name in VARIED for name in given)
 
 
 def car_mismatches(

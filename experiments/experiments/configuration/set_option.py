@@ -37,6 +37,17 @@ def parse_value(setting: str, text: str, option: str = '--set ') -> Any:
         raise BagError(f'{option}{setting}: {text!r} is no value') from None
 
 
+def file_value(item: strict_yaml.Item) -> Any:
+    """Return the value of a setting in a YAML file, EMPTY for none. Raises YamlError."""
+    value = item.value_or_empty()
+    members = value if isinstance(value, list) else [value]
+    if any(isinstance(member, dict | list) for member in members):
+        raise item.error(
+            'is no parameter; allowed a number, true, false, a word, or a list of them'
+        )
+    return value
+
+
 def parse_overrides(settings: Sequence[str], option: str = '--set ') -> dict[str, dict[str, Any]]:
     """Return {role: {parameter: value}} of `ROLE.parameter=value` texts.
 
@@ -68,16 +79,15 @@ def closest_setting(target: str) -> str:
     near = [node for node in roles if f"'{node}'" in strict_yaml.closest(role, roles)]
     if near and name:
         return f'; did you mean {f"{near[0]}.{name}"!r}?'
-    known = {f'{node}.{parameter}' for node in roles for parameter in _shipped(node)}
+    known = {
+        f'{role}.{parameter}'
+        for role, (package, file) in node_config.DEFAULTS.items()
+        for parameter in parameters.read_file(share.path(package, 'config', file)).values
+    }
     exact = sorted(full for full in known if full.partition('.')[2] == target)
     if exact:
         return f'; did you mean {" or ".join(map(repr, exact))}?'
     return strict_yaml.closest(f'{CONTROLLER}.{target}', known)
-
-
-def _shipped(role):
-    package, file = node_config.DEFAULTS[role]
-    return parameters.read_file(share.path(package, 'config', file)).values
 
 
 def parse_controller_settings(settings: Sequence[str]) -> dict[str, Any]:

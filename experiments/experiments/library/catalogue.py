@@ -1,4 +1,4 @@
-"""What the library has: its families and entries, listed, chosen, written as files and drawn."""
+"""What the library has: its families and entries, listed, chosen and written as files."""
 
 import inspect
 from collections.abc import Sequence
@@ -13,8 +13,6 @@ from experiments.drive_row import Row
 from experiments.families import draw
 from msgs_yaml.strict_yaml import closest
 from scenario_publisher import scenario
-
-DRIVEN_BY = 'mpcc_road'  # whose distances are drawn
 
 
 def show(console: Console) -> int:
@@ -79,17 +77,4 @@ def write_draw(which: str, seed: int, difficulty: str, path: Path, console: Cons
     how = f'# drive it with: experiments run {path} {settings}\n' if settings else ''
     path.write_text(how + scene.text)
     print_text(console, f'{path}' + (f'; drive it with {settings}' if settings else ''))
-    return 0
-
-
-def draw_entries(folder: Path, console: Console) -> int:
-    """Draw each entry into a folder, as `experiments scenario --plot`; return exit code 0."""
-    from experiments.configuration import inputs
-    from experiments.preview import preview_figure, scenario_checks
-
-    folder.mkdir(parents=True, exist_ok=True)
-    circles = scenario_checks.circles_of(inputs.controller_params(DRIVEN_BY))
-    for name in entries_of_library():
-        file = folder / f'{name}.svg'
-        print_text(console, str(preview_figure.draw(scenario.load(name), circles, file)))
     return 0

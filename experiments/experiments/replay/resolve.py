@@ -26,14 +26,6 @@ UNITS = {
 }  # fmt: skip
 
 
-class Request(NamedTuple):
-    """The arguments of `experiments resolve`."""
-
-    tick: int
-    changes: Changes
-    sensitivities: bool
-
-
 class Sensitivity(NamedTuple):
     """The sensitivity to one weight, per relative change of it: times 0.01 for one percent."""
 
@@ -77,11 +69,6 @@ class Answer(NamedTuple):
         return (self.solved, self.changed) if self.changed else (self.solved,)
 
 
-def resolve(bag: read.Bag, request: Request) -> Answer:
-    """Pose the problem of a tick and solve it, as it was and changed. Raises BagError."""
-    return answer(bag, pose(bag, request.tick), request)
-
-
 def pose(bag: read.Bag, number: int) -> PosedTick:
     """Return a tick and the problem that was solved for it.
 
@@ -99,11 +86,13 @@ def pose(bag: read.Bag, number: int) -> PosedTick:
     return PosedTick(ticks[number], recorded_problem.pose(controller, ticks[number]), chain)
 
 
-def answer(bag: read.Bag, posed: PosedTick, request: Request) -> Answer:
-    """Solve a posed tick as requested; BagError for changes that are not possible."""
+def answer(
+    bag: read.Bag, posed: PosedTick, changes: Changes, with_sensitivities: bool = False
+) -> Answer:
+    """Solve a posed tick as it was and changed; BagError for changes that are not possible."""
     tick, problem, chain = posed
     solved, changed = problem.solve(), None
-    parameters, factors = request.changes
+    parameters, factors = changes
     if parameters or factors:
         other = problem
         if parameters:
@@ -118,7 +107,7 @@ def answer(bag: read.Bag, posed: PosedTick, request: Request) -> Answer:
         chain,
         solved,
         changed,
-        find_sensitivities(problem) if request.sensitivities else (),
+        find_sensitivities(problem) if with_sensitivities else (),
     )
 
 

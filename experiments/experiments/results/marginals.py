@@ -34,10 +34,17 @@ def levels(values: pandas.Series, bins: int) -> pandas.Series:
 
 
 def level_text(level: Any) -> str:
-    """Return a group as text."""
+    """Return a group, or a value of a summary, as text; a dash where there is none."""
+    if level is None or level != level:
+        return '–'
     if isinstance(level, pandas.Interval):
         return f'{level.left:.4g} to {level.right:.4g}'
     return f'{level:.4g}' if isinstance(level, float) else str(level)
+
+
+def plain(value: Any) -> Any:
+    """Return a value of a summary as a file takes it: an interval as text."""
+    return level_text(value) if isinstance(value, pandas.Interval) else value
 
 
 def level_middle(level: Any) -> float:
@@ -54,13 +61,19 @@ def summarise(
     `high` of a metric that is true or false, the quantiles of any other. Raises BagError.
     """
     values = table.metric(metric)
-    summary = _summarise_truths if is_truth(values) else _summarise_numbers
     rows = []
     for key, numbers in _groups(table, by, bins):
         chosen = values[numbers]
         known = chosen.dropna()
         counts = {'drives': len(chosen), 'missing': len(chosen) - len(known)}
-        rows.append({**dict(zip(by, key)), **counts, **summary(known)})
+        if is_truth(values):
+            summary = {'share': np.nan, 'low': np.nan, 'high': np.nan}
+            if len(known):
+                low, high = wilson_interval(int(known.sum()), len(known))
+                summary = {'share': float(known.mean()), 'low': low, 'high': high}
+        else:
+            summary = {name: float(known.quantile(share)) for name, share in QUANTILES.items()}
+        rows.append({**dict(zip(by, key)), **counts, **summary})
     return pandas.DataFrame(rows)
 
 
@@ -72,20 +85,6 @@ def _groups(table, by, bins):
     keys = [levels(table.column(name, '--by'), bins) for name in by]
     for key, group in table.rows.groupby(keys, observed=True, dropna=False, sort=True):
         yield key if isinstance(key, tuple) else (key,), group.index
-
-
-def _summarise_truths(known):
-    if known.empty:
-        return dict.fromkeys(('share', 'low', 'high'), np.nan)
-    known = known.astype(bool)
-    low, high = wilson_interval(int(known.sum()), len(known))
-    return {'share': float(known.mean()), 'low': low, 'high': high}
-
-
-def _summarise_numbers(known):
-    if known.empty:
-        return dict.fromkeys(QUANTILES, np.nan)
-    return {name: float(known.quantile(share)) for name, share in QUANTILES.items()}
 
 
 def compare(

@@ -131,7 +131,7 @@ def write_map(
 
 
 def write_surface(
-    table: DriveTable, metric: str, columns: tuple[str, str], stem: Path, seed: int = 0
+    table: DriveTable, metric: str, columns: tuple[str, str], stem: Path
 ) -> list[Path]:
     """Write the success surface of a metric over two columns of numbers, a panel per controller.
 
@@ -155,7 +155,7 @@ def write_surface(
         x, y, holds = x[known], y[known], values[known].to_numpy(dtype=bool)
         units = part.units(part.rows)[known].tolist()
         try:
-            surface = success_surface.fit(x, y, holds, units, seed)
+            surface = success_surface.fit(x, y, holds, units)
         except BagError as error:
             # no surface, but the drives are there to be seen
             faults.append(f'{name}: {error}'.removeprefix(': '))

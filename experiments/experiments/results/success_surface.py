@@ -14,7 +14,7 @@ from bags.errors import BagError
 
 DEGREES = (1, 2, 3)
 FOLDS = 5
-RESAMPLES = 200
+RESAMPLES, SEED = 200, 0
 CONFIDENCE = 0.95
 GRID = 61  # points per column
 PENALTY = 10.0  # inverse strength: weak, but holds where the two outcomes can be separated
@@ -36,17 +36,9 @@ class Surface(NamedTuple):
         return f'Surface(degree={self.degree}, skill={self.skill:.2f})'
 
 
-def fit(
-    x: np.ndarray,
-    y: np.ndarray,
-    holds: np.ndarray,
-    units: Sequence,
-    seed: int = 0,
-    resamples: int = RESAMPLES,
-) -> Surface:
+def fit(x: np.ndarray, y: np.ndarray, holds: np.ndarray, units: Sequence) -> Surface:
     """Return the surface of truths at points; drives of one unit are resampled together.
 
-    `resamples` are those of the interval, which costs the most; without any it is NaN.
     Raises BagError for fewer than 20 drives or two units, and where the condition holds, or fails,
     in all but a few: there is nothing to fit.
     """
@@ -65,10 +57,8 @@ def fit(
     axes = [np.linspace(column.min(), column.max(), GRID) for column in points.T]
     grid = np.column_stack([part.ravel() for part in np.meshgrid(*axes)])
     share = _fit(points, holds, degree).predict_proba(grid)[:, 1]
-    rng = np.random.default_rng(seed)
-    low, high = _interval(points, holds, codes, degree, grid, resamples, rng)
-    shape = (GRID, GRID)
-    shaped = (part.reshape(shape) for part in (share, low, high))
+    low, high = _interval(points, holds, codes, degree, grid)
+    shaped = (part.reshape(GRID, GRID) for part in (share, low, high))
     return Surface(*axes, *shaped, degree, max(skills))
 
 
@@ -102,12 +92,11 @@ def _skill(points, holds, codes, degree):
     return 1.0 - log_loss(holds, predicted) / log_loss(holds, constant)
 
 
-def _interval(points, holds, codes, degree, grid, resamples, rng):
-    if not resamples:
-        return np.full((2, len(grid)), np.nan)
+def _interval(points, holds, codes, degree, grid):
+    rng = np.random.default_rng(SEED)
     members = [np.flatnonzero(codes == code) for code in range(codes.max() + 1)]
     shares = []
-    while len(shares) < resamples:
+    while len(shares) < RESAMPLES:
         chosen = rng.integers(len(members), size=len(members))
         rows = np.concatenate([members[code] for code in chosen])
         if np.unique(holds[rows]).size == 2:

@@ -53,7 +53,11 @@ def run(request: Request, console: Console) -> int:
     given = _read(request)
     controllers = node_config.find_controllers(given.controllers, given.labels, programs=True)
     scn = inputs.load_scenario(given.scenario)
-    expect = _check_expectations(scn.expect, given.scenario)
+    if scn.expect:
+        # imported late: it loads the metrics
+        from experiments import pass_criteria
+
+        pass_criteria.check_names(scn.expect, given.scenario)
     others = earlier_runs.find(request.beside, request.out / scn.name, scn)
     folder, outcomes = run_controllers(request, console)
     bags = _kept_bags(outcomes)
@@ -77,9 +81,9 @@ def run(request: Request, console: Console) -> int:
         runs = compared.values['runs']
         _show_disagreement(outcomes, runs, console)
         _show_why(outcomes, controllers, runs, console)
-        if expect:
+        if scn.expect:
             # instead of completion: a run that is to end in a stop never completes
-            is_met = _meet_expectations(expect, runs, console)
+            is_met = _meet_expectations(scn.expect, runs, console)
             return 0 if is_met and len(runs) == len(outcomes) else 1
         completed += [run['completed'] for run in runs.values()]
     return 0 if all(completed) else 1
@@ -119,16 +123,6 @@ def _show_why(outcomes, controllers, runs, console):
                 f'{outcome.controller}: what it planned {tick_events.LEAD_S:g} s before it was '
                 f'lost: experiments resolve {bag} --at {tick_events.LOSS}',
             )
-
-
-def _check_expectations(expect, scenario_name):
-    """Return what a scenario expects of a run. Raises BagError for a metric that does not exist."""
-    if expect:
-        # imported late: it loads the metrics
-        from experiments import pass_criteria
-
-        pass_criteria.check_names(expect, scenario_name)
-    return expect
 
 
 def _meet_expectations(expect, runs, console):

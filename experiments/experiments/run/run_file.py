@@ -18,7 +18,7 @@ from typing import Annotated, Any, NamedTuple
 from bags.errors import BagError
 from experiments.configuration import node_config, set_option
 from msgs_yaml.missing_file import YAML_SUFFIXES
-from msgs_yaml.strict_yaml import Item, Pattern, YamlError, parse_value, read
+from msgs_yaml.strict_yaml import Pattern, YamlError, parse_value, read
 
 KEYS = ('scenario', 'controllers', 'settings', 'labels')
 NAME = Annotated[str, Pattern(r'\S.*', 'a name or a file')]
@@ -76,20 +76,10 @@ def _parse(path, root):
         if role not in node_config.ROLES or not parameter:
             allowed = ', '.join(f'{role}.*' for role in node_config.ROLES)
             raise item.error(f'is no setting{set_option.closest_setting(name)}; allowed {allowed}')
-        settings.setdefault(role, {})[parameter] = _value(item)
+        settings.setdefault(role, {})[parameter] = set_option.file_value(item)
         origins.setdefault(role, {})[parameter] = f'{path}:{item.line}: {item.key}'
     files = tuple(_relative(path, name) for name in controllers)
     return RunFile(scenario, files, settings, origins, labels)
-
-
-def _value(item: Item):
-    value = item.value_or_empty()
-    members = value if isinstance(value, list) else [value]
-    if any(isinstance(member, dict | list) for member in members):
-        raise item.error(
-            'is no parameter; allowed a number, true, false, a word, or a list of them'
-        )
-    return value
 
 
 def _relative(path, word):

@@ -1,16 +1,13 @@
+"""`experiments parameters` lists what --set takes, with default, range, unit and meaning."""
+
 import json
 
-import pytest
-
-from bags.errors import BagError
 from experiments import cli
-from experiments.configuration import inputs, node_config, parameter_list
+from experiments.configuration import inputs, parameter_list
 from node_runtime import parameters
 
-EVERY = parameter_list.sections()
 
-
-def rows(sections=EVERY):
+def rows(sections):
     return {
         parameter_list.full_name(section, row): row
         for section in sections
@@ -19,70 +16,41 @@ def rows(sections=EVERY):
     }
 
 
-def test_every_parameter_of_every_node_is_listed():
+def test_every_parameter_of_every_node_is_listed_with_a_meaning_and_an_allowed_default(tmp_path):
+    every = rows(parameter_list.sections())
     expected = {
         f'{role}.{name}'
         for role, (cls, _) in inputs.LOADERS.items()
         for name in parameters.leaves(cls)
     }
-    expected |= {f'plant.{name}' for name in inputs.PLANT_EXTRAS}
-    assert expected <= rows().keys()
-
-
-def test_every_parameter_has_a_meaning():
-    assert [name for name, row in rows().items() if not row.meaning] == []
-
-
-def test_where_the_car_starts_is_listed():
-    start = rows()['plant.start.from']
+    assert expected | {f'plant.{name}' for name in inputs.PLANT_EXTRAS} <= every.keys()
+    assert [name for name, row in every.items() if not row.meaning] == []
+    start = every['plant.start.from']
     assert (start.default, start.allowed) == ('reference', 'reference or parameters')
-    assert 'plant.plant_params' in rows()
-
-
-def test_every_default_is_allowed():
-    for name, row in rows().items():
+    for name, row in every.items():
         if row.default is not None and row.low is not None:
             values = row.default if isinstance(row.default, list | tuple) else [row.default]
             assert all(row.low <= value <= row.high for value in values), name
-
-
-def test_defaults_are_those_of_the_controller(tmp_path):
-    assert rows()['controller.priorities.obstacle'].default == 1000.0
+    # the defaults are those of the controller that is asked for
     none = rows(parameter_list.sections('mpcc_no_ca'))
-    assert none['controller.priorities.obstacle'].default == 0.0
-    file = tmp_path / 'mine.yaml'
-    file.write_text('/**:\n  ros__parameters:\n    base: mpcc.yaml\n    safety: {edge_m: 0.7}\n')
-    mine = rows(parameter_list.sections(str(file)))
-    assert mine['controller.safety.edge_m'].default == 0.7
-    assert mine['controller.priorities.obstacle'].default == 1000.0
+    mine = tmp_path / 'mine.yaml'
+    mine.write_text('/**:\n  ros__parameters:\n    base: mpcc.yaml\n    safety: {edge_m: 0.7}\n')
+    own = rows(parameter_list.sections(str(mine)))
+    priorities = [one['controller.priorities.obstacle'].default for one in (every, none, own)]
+    assert priorities == [1000.0, 0.0, 1000.0]
+    assert own['controller.safety.edge_m'].default == 0.7
 
 
-def test_words_are_searched_in_names_and_meanings():
-    found = rows(parameter_list.search(EVERY, ['brake', 'share']))
-    assert 'controller.limits.brake_front_share_max' in found
-    assert 'plant.friction' not in found
-
-
-def test_a_full_name_is_shown_alone():
-    assert rows(parameter_list.search(EVERY, ['plant.friction'])).keys() == {'plant.friction'}
-
-
-def test_the_closest_parameter_is_suggested():
-    with pytest.raises(BagError, match="no parameter has 'contouing'; did you mean 'contouring_m'"):
-        parameter_list.search(EVERY, ['contouing'])
-
-
-def test_the_command_prints_what_set_takes(capsys):
+def test_words_are_searched_in_names_and_meanings_and_a_full_name_is_shown_alone(capsys):
+    every = parameter_list.sections()
+    brakes = rows(parameter_list.search(every, ['brake', 'share']))
+    assert 'controller.limits.brake_front_share_max' in brakes
+    assert 'plant.friction' not in brakes
+    assert rows(parameter_list.search(every, ['plant.friction'])).keys() == {'plant.friction'}
     assert cli.main(['parameters', 'contouring_m', '--json']) == 0
     (row,) = json.loads(capsys.readouterr().out)
     assert row['name'] == 'controller.tolerances.contouring_m'
     assert (row['low'], row['high'], row['unit']) == (0.001, 1000.0, 'm')
-    role, _, name = row['name'].partition('.')
-    assert role in node_config.ROLES
-    assert name in parameters.leaves(inputs.LOADERS[role][0])
-
-
-def test_the_command_prints_default_range_and_meaning(capsys):
     assert cli.main(['parameters', 'safety.edge_m']) == 0
     text = capsys.readouterr().out
     assert 'controller.safety.edge_m = 0.5  [0.01 to 10 m]' in text

@@ -1,5 +1,6 @@
 """One recorded tick, solved again, changed, and asked how it would answer to its weights."""
 
+import re
 from functools import cache
 
 import numpy as np
@@ -9,8 +10,14 @@ from bags.errors import BagError
 from experiments import cli
 from experiments.configuration import set_option
 from experiments.configuration.set_option import Changes
-from experiments.replay import recorded_problem, recorded_ticks, replayed_controller, resolve
-from experiments.replay.resolve import Request
+from experiments.replay import (
+    recorded_problem,
+    recorded_ticks,
+    replayed_controller,
+    resolve,
+    tick_choice,
+)
+from experiments.replay.tick_choice import Moment
 
 from .conftest import GOLDEN
 
@@ -18,23 +25,23 @@ BUSY = 45  # a tick whose plan runs into the safety zone of the first obstacle
 
 
 @pytest.fixture(scope='module')
-def posed_(golden):
+def posed(golden):
     """Return a function from controller and tick to the tick with its problem."""
     return cache(lambda name, tick: resolve.pose(golden(name), tick))
 
 
 @pytest.fixture(scope='module')
-def problem(posed_):
-    return posed_('mpcc', BUSY).problem
+def problem(posed):
+    return posed('mpcc', BUSY).problem
 
 
 @pytest.fixture
-def ask(golden, posed_):
+def ask(golden, posed):
     """Return a function that asks about a tick."""
 
     def ask(name, tick=BUSY, parameters=None, factors=None):
         changes = Changes(parameters or {}, factors or {})
-        return resolve.answer(golden(name), posed_(name, tick), Request(tick, changes, False))
+        return resolve.answer(golden(name), posed(name, tick), changes)
 
     return ask
 
@@ -56,29 +63,20 @@ def test_solved_again_a_tick_gives_its_command_and_its_cost(ask, name, tick):
         assert np.min(one.D) == pytest.approx(recorded[least], abs=1e-6)
 
 
-def test_a_weight_that_is_switched_off_costs_nothing_and_changes_the_plan(ask):
+def test_a_changed_weight_or_formulation_changes_the_plan_and_none_nothing(ask):
     answer = ask('mpcc', factors={'lag': 0.0})
     assert answer.solved.terms['lag'] > 0.1
     assert answer.changed.terms['lag'] == answer.changed.weights['lag'] == 0.0
     assert answer.changed.command != answer.solved.command
     # each is the best plan of its own problem, so without the term the other one's costs more
-    rest = answer.solved.cost - answer.solved.terms['lag']
-    assert answer.changed.cost < rest
-
-
-def test_a_parameter_that_is_set_to_what_it_was_changes_nothing(ask):
-    answer = ask('frenet', parameters={'tolerances.contouring_m': 0.5})
-    assert answer.changed.command == answer.solved.command
-
-
-def test_half_a_tolerance_is_four_times_the_weight(ask):
+    assert answer.changed.cost < answer.solved.cost - answer.solved.terms['lag']
+    same = ask('frenet', parameters={'tolerances.contouring_m': 0.5})
+    assert same.changed.command == same.solved.command
+    # half a tolerance is four times the weight
     by_parameter = ask('mpcc', parameters={'tolerances.lag_m': 0.25}).changed
     by_factor = ask('mpcc', factors={'lag': 4.0}).changed
     assert by_parameter.weights == pytest.approx(by_factor.weights)
     assert by_parameter.command == pytest.approx(by_factor.command, rel=1e-9)
-
-
-def test_a_tick_can_be_solved_with_the_other_formulation(ask):
     frenet = {
         'formulation.name': 'frenet',
         'formulation.distance': 'path',
@@ -87,16 +85,10 @@ def test_a_tick_can_be_solved_with_the_other_formulation(ask):
     answer = ask('mpcc', parameters=frenet)
     assert answer.changed.is_feasible
     assert set(answer.changed.terms) - set(answer.solved.terms) == {'e', 'dpsi'}
-
-
-def test_a_plan_that_is_rejected_is_reported_as_infeasible(ask):
-    hurried = {
-        'solver.max_iterations': 1,
-        'fallback.acceptable_residual': 1e-9,
-    }
-    answer = ask('mpcc', parameters=hurried)
-    assert not answer.changed.is_feasible
-    assert answer.changed.status == 'plan_not_feasible: iteration limit'
+    hurried = {'solver.max_iterations': 1, 'fallback.acceptable_residual': 1e-9}
+    rejected = ask('mpcc', parameters=hurried).changed
+    assert not rejected.is_feasible
+    assert rejected.status == 'plan_not_feasible: iteration limit'
 
 
 @pytest.mark.parametrize(
@@ -108,17 +100,13 @@ def test_a_plan_that_is_rejected_is_reported_as_infeasible(ask):
         ),
         ({'factors': {'lag': -1.0}}, 'allowed from 0'),
         ({'parameters': {'model.horizon': 40}}, 'cannot be changed in one tick'),
+        ({'tick': 400}, 'no tick 400; it has 0 to 161'),
+        ({'tick': -1}, 'no tick -1; it has 0 to 161'),
     ],
 )
-def test_an_impossible_change_is_refused_with_the_reason(ask, changes, expected):
+def test_an_impossible_question_is_refused_with_the_reason(ask, changes, expected):
     with pytest.raises(BagError, match=expected):
         ask('mpcc', **changes)
-
-
-@pytest.mark.parametrize('tick', [400, -1])
-def test_a_tick_that_the_bag_does_not_have_is_refused(golden, tick):
-    with pytest.raises(BagError, match=f'no tick {tick}; it has 0 to 161'):
-        resolve.pose(golden('mpcc'), tick)
 
 
 def test_a_tick_without_a_solve_is_refused(golden):
@@ -129,28 +117,22 @@ def test_a_tick_without_a_solve_is_refused(golden):
         recorded_problem.pose(replayed_controller.from_run_info(bag.run_info, {}, 'mpcc'), blind)
 
 
-def test_the_sensitivity_of_the_cost_to_a_weight_equals_its_term(problem):
+def test_sensitivities_are_those_of_the_cost_and_predict_the_effect_of_a_weight(problem):
     found = resolve.find_sensitivities(problem)
     assert {one.weight for one in found} == set(problem.weights)
     large = [one for one in found if one.cost > 1e-3]
     assert len(large) >= 5
     for one in large:
         assert one.cost_difference == pytest.approx(one.cost, rel=1e-5)
-
-
-def test_the_sensitivity_of_the_distance_predicts_the_effect_of_a_weight(problem):
     before = problem.solve().least_v2o
-    by_weight = {one.weight: one.v2o for one in resolve.find_sensitivities(problem)}
+    by_weight = {one.weight: one.v2o for one in found}
     assert by_weight['v2o'] > 0 > by_weight['con']
     for name in ('v2o', 'con'):
         after = problem.scale_weights({name: 1.02}).solve().least_v2o
         assert after - before == pytest.approx(0.02 * by_weight[name], rel=0.05)
-
-
-def test_a_weight_of_zero_is_not_varied(problem):
-    assert 'lag' not in [
-        one.weight for one in resolve.find_sensitivities(problem.scale_weights({'lag': 0.0}))
-    ]
+    # a weight of zero is not varied
+    without = resolve.find_sensitivities(problem.scale_weights({'lag': 0.0}))
+    assert {one.weight for one in without} == set(problem.weights) - {'lag'}
 
 
 def test_a_limit_is_active_at_the_stages_where_the_plan_touches_it(ask):
@@ -166,25 +148,18 @@ def test_a_limit_is_active_at_the_stages_where_the_plan_touches_it(ask):
     assert all(abs(one.limit) == 0.2 for one in named)
 
 
-def test_limits_are_grouped_by_stage_and_side():
+def test_limits_are_grouped_by_stage_and_side_and_infinite_ones_never_active():
     values = np.array([[1.0], [1.0], [0.0], [-1.0], [1.0]])
     push = np.array([[2.0], [3.0], [1e-9], [-4.0], [5.0]])
-    group = recorded_problem.LimitGroup(
-        ('delta',), values, 0 * values - 1, 0 * values + 1, push, np.ones(1), first=1
-    )
+    bounds = 0 * values - 1, 0 * values + 1
+    group = recorded_problem.LimitGroup(('delta',), values, *bounds, push, np.ones(1), first=1)
     found = [
         (one.side, one.first, one.last, one.multiplier, one.at)
         for one in recorded_problem.find_active_limits(group)
     ]
     assert found == [('lower', 4, 4, 4.0, 4), ('upper', 1, 2, 3.0, 2), ('upper', 5, 5, 5.0, 5)]
-
-
-def test_an_infinite_limit_is_never_active():
-    still = np.zeros((3, 1))
-    group = recorded_problem.LimitGroup(
-        ('X',), still, still - np.inf, still + np.inf, still + 1, np.ones(1)
-    )
-    assert not list(recorded_problem.find_active_limits(group))
+    wide = group._replace(low=values - np.inf, high=values + np.inf)
+    assert not list(recorded_problem.find_active_limits(wide))
 
 
 @pytest.mark.parametrize('text', ['weights.lag', 'weights.lag=little', 'weights.lag='])
@@ -196,12 +171,83 @@ def test_a_factor_that_is_no_number_is_refused(text):
 def test_the_command_prints_tables_that_fit_and_draws_the_horizon(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv('COLUMNS', '80')
     changes = ['--set', 'weights.lag=0', '--set', 'controller.limits.steer_rate_radps=0.2']
-    asked = ['resolve', str(GOLDEN / 'mpcc'), '--tick', str(BUSY), *changes, '--sensitivities']
+    asked = ['resolve', str(GOLDEN / 'mpcc'), '--at', 'closest', *changes, '--sensitivities']
     assert cli.main([*asked, '--out', str(tmp_path)]) == 0
     text = capsys.readouterr().out
+    first, *lines, _ = text.splitlines()
+    assert re.match(r'tick \d+ .* least distance to obstacle ', first)
     assert 'the command is the recorded one' in text
     assert 'changed: lower limit of d_delta' in text
     assert '…' not in text
-    assert max(map(len, text.splitlines()[:-1])) <= 80
+    assert max(map(len, lines)) <= 80
+    tick = int(first.split()[1])
     for suffix in ('png', 'svg'):
-        assert (tmp_path / f'mpcc_tick_{BUSY}.{suffix}').stat().st_size > 20_000
+        assert (tmp_path / f'mpcc_tick_{tick}.{suffix}').stat().st_size > 20_000
+
+
+@pytest.fixture(scope='module')
+def ticks(golden):
+    """Return a function from a controller to its ticks, read once."""
+    read = recorded_ticks.read_ticks
+    return cache(lambda name: read(golden(name)))
+
+
+@pytest.fixture
+def choose(golden, ticks, monkeypatch):
+    """Return choose(name, moment) -> the tick that is meant."""
+    names = {str(golden(name).path): name for name in ('mpcc', 'mpcc_no_ca')}
+    monkeypatch.setattr(recorded_ticks, 'read_ticks', lambda bag: ticks(names[str(bag.path)]))
+    return lambda name='mpcc', **named: tick_choice.choose(golden(name), Moment(**named))
+
+
+def gaps_of(ticks):
+    """Return the least distance of the car's circle to an obstacle, of each tick."""
+    return np.array(
+        [
+            min(np.hypot(o.X - s.X, o.Y - s.Y) - o.r_obs - 1.1 for o in obstacles.items)
+            for s, obstacles in ((tick.inputs.state, tick.inputs.obstacles) for tick in ticks)
+        ]
+    )
+
+
+def test_a_time_and_a_station_mean_the_last_tick_until_then(choose):
+    assert [choose(time=t).number for t in (2.25, 2.299, 0.0)] == [45, 45, 0]
+    assert choose(tick=45).t == pytest.approx(2.25)
+    chosen = choose(station=70.0)
+    assert chosen.station <= 70.0 < choose(tick=chosen.number + 1).station
+
+
+def test_events_are_where_they_are_largest_or_nearest(choose, ticks):
+    # the recording holds the states of the ticks alone
+    gaps, states = gaps_of(ticks('mpcc')), [tick.inputs.state for tick in ticks('mpcc')]
+    chosen = choose(event='closest')
+    assert chosen.number == int(np.argmin(gaps))
+    assert chosen.because == f'least distance to obstacle 1, {min(gaps):.2f} m'
+    angles = [abs(np.arctan2(s.vy, s.vx)) for s in states]
+    chosen = choose(event='sideslip')
+    assert chosen.number == int(np.argmax(angles))
+    assert f'{np.degrees(max(angles)):.1f} deg' in chosen.because
+    assert choose(event='edge').because.startswith('least distance to the ')
+
+
+def test_loss_is_a_second_before_the_car_was_lost_first(choose, ticks):
+    chosen = choose('mpcc_no_ca', event='loss')
+    assert re.match(
+        r'1\.0 s before station \d+ m, where it collided with obstacle 1', chosen.because
+    )
+    assert np.argmax(gaps_of(ticks('mpcc_no_ca')) < 0.0) - chosen.number in (20, 21)
+
+
+@pytest.mark.parametrize(
+    ('named', 'text'),
+    [
+        ({'event': 'loss'}, 'the car neither collided nor left the road nor slid'),
+        ({'time': 99.0}, 'no tick at time 99 s; it has 0 to '),
+        ({'station': -50.0}, 'no tick at station -50 m; it has '),
+        ({'tick': 9999}, 'no tick 9999; it has 0 to '),
+        ({'event': 'fallback'}, 'every tick followed a fresh plan'),
+    ],
+)
+def test_what_the_recording_does_not_have_is_refused_with_what_it_has(choose, named, text):
+    with pytest.raises(BagError, match=text):
+        choose(**named)

@@ -1,15 +1,20 @@
 """Controllers are compiled beside the first run on a machine; nothing of it outlives that run."""
 
 import os
-import time
 
 import pytest
+from wait_until import wait_until
 
 from experiments.configuration import inputs
 from experiments.run import compile_ahead
 from mpcc_controller import car_file
 
 pytestmark = pytest.mark.needs('compiler')
+COMPILER = """#!/bin/sh
+test "$1" = --version && exec echo a compiler
+echo $$ > {folder}/$$.part && mv {folder}/$$.part {folder}/$$.begun
+exec sleep 600
+"""
 
 
 @pytest.fixture
@@ -24,40 +29,22 @@ def controllers():
     return [(params, car_file.load(params))]
 
 
-def wait_until(is_so):
-    end = time.monotonic() + 240
-    while not is_so():
-        assert time.monotonic() < end
-        time.sleep(0.05)
-
-
-def test_a_cache_with_a_library_is_left_to_the_nodes(cache):
+def test_solvers_are_compiled_within_the_context_unless_the_cache_has_a_library(cache, controllers):
     assert compile_ahead.is_worth_while()
-    cache.mkdir()
-    (cache / 'any.so').touch()
-    assert not compile_ahead.is_worth_while()
-
-
-def test_solvers_are_compiled_within_the_context(cache, controllers):
     with compile_ahead.compiling(controllers):
-        wait_until(lambda: any(cache.glob('frenet_riccati-*.so')))
+        wait_until(lambda: any(cache.glob('frenet_riccati-*.so')), 240.0, 'nothing is compiled')
+    assert not compile_ahead.is_worth_while()
 
 
 def test_compilers_end_with_the_context_and_leave_no_files(
     cache, controllers, tmp_path, monkeypatch
 ):
     compiler = tmp_path / 'compiler'
-    compiler.write_text(
-        f"""#!/bin/sh
-        test "$1" = --version && exec echo a compiler
-        echo $$ > {tmp_path}/$$.part && mv {tmp_path}/$$.part {tmp_path}/$$.begun
-        exec sleep 600
-        """
-    )
+    compiler.write_text(COMPILER.format(folder=tmp_path))
     compiler.chmod(0o755)
     monkeypatch.setenv('CC', str(compiler))
     with compile_ahead.compiling(controllers):
-        wait_until(lambda: any(tmp_path.glob('*.begun')))
+        wait_until(lambda: any(tmp_path.glob('*.begun')), 240.0, 'no compiler was started')
     (begun,) = tmp_path.glob('*.begun')
     with pytest.raises(ProcessLookupError):
         os.kill(int(begun.stem), 0)

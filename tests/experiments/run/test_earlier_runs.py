@@ -1,52 +1,47 @@
+"""Which earlier runs a new one is compared with, and what is said of them."""
+
 import os
 from pathlib import Path
 
 import pytest
 
 from bags.errors import BagError
+from bags.storage import read
 from experiments.configuration import inputs
 from experiments.run import earlier_runs
 from experiments.run.node_graph import RunOutcome
+from scenario_publisher import scenario
 
-ROOT = Path(__file__).parents[3]
-GOLDEN = ROOT / 'bags/reference/double_lane_change'
+GOLDEN = Path(__file__).parents[3] / 'bags/reference/double_lane_change'
 
 
 @pytest.fixture
 def recorded():
     """The scenario as the golden recordings have it."""
-    from bags.storage import read
-    from scenario_publisher import scenario
-
     return scenario.parse(read.run_info(GOLDEN / 'mpcc')['scenario_text'], 'golden')
 
 
-def test_a_run_is_found_by_its_name_and_by_its_path(recorded, monkeypatch):
+def test_a_run_is_found_by_its_name_or_path_if_it_drove_the_scenario(recorded, monkeypatch):
     assert earlier_runs.find(['frenet'], GOLDEN, recorded) == [GOLDEN / 'frenet']
+    other = recorded._replace(text=recorded.text + '\n')
+    for name, scn, message in (
+        ('mpc', recorded, r'there are frenet, mpcc, mpcc_no_ca; did you mean .mpcc.'),
+        ('mpcc', inputs.load_scenario('straight'), 'another scenario, double_lane_change'),
+        ('mpcc', other, 'another version of double_lane_change'),
+    ):
+        with pytest.raises(BagError, match=message):
+            earlier_runs.find([name], GOLDEN, scn)
     monkeypatch.chdir(GOLDEN)
     assert earlier_runs.find(['./mpcc'], Path('elsewhere'), recorded) == [Path('./mpcc')]
-
-
-def test_a_misspelt_run_is_refused_with_those_there_are(recorded):
-    with pytest.raises(BagError, match=r'there are frenet, mpcc, mpcc_no_ca; did you mean .mpcc.'):
-        earlier_runs.find(['mpc'], GOLDEN, recorded)
-
-
-def test_a_run_of_another_scenario_is_refused(recorded):
-    with pytest.raises(BagError, match='drove another scenario, double_lane_change'):
-        earlier_runs.find(['mpcc'], GOLDEN, inputs.load_scenario('straight'))
-    other = recorded._replace(text=recorded.text + '\n')
-    with pytest.raises(BagError, match='drove another version of double_lane_change'):
-        earlier_runs.find(['mpcc'], GOLDEN, other)
 
 
 def test_a_run_of_another_plant_is_announced_with_what_differs(monkeypatch):
     paths = [GOLDEN / name for name in ('mpcc', 'mpcc_no_ca', 'frenet')]
     assert earlier_runs.describe_other_plants(paths) == []
-    recorded = earlier_runs.read.run_info
+    run_info = earlier_runs.read.run_info
 
     def on_ice(path):
-        info = recorded(path)
+        info = run_info(path)
         if path.name == 'frenet':
             info['parameters'] = info['parameters'].replace('"friction": 1.0', '"friction": 0.2')
         return info
@@ -58,20 +53,11 @@ def test_a_run_of_another_plant_is_announced_with_what_differs(monkeypatch):
     assert '--any-car' in line
 
 
-def test_a_run_that_got_a_number_is_compared_under_it(tmp_path):
+def test_new_runs_take_the_place_of_those_that_they_repeat_or_move(tmp_path):
     new, older, other = (tmp_path / name for name in ('mpcc', 'mpcc@1', 'frenet'))
-    moved = RunOutcome('mpcc', True, '', new, older)
-    assert earlier_runs.with_new_runs([new, other], [moved]) == [new, older, other]
-
-
-def test_a_run_that_was_repeated_is_compared_once(tmp_path):
-    new = tmp_path / 'mpcc'
-    repeated = RunOutcome('mpcc', True, '', new)
+    moved, repeated = RunOutcome('mpcc', True, '', new, older), RunOutcome('mpcc', True, '', new)
+    failed = RunOutcome('mpcc', False, '', None)
     relative = Path(os.path.relpath(new))
+    assert earlier_runs.with_new_runs([new, other], [moved]) == [new, older, other]
     assert earlier_runs.with_new_runs([relative], [repeated]) == [new]
-
-
-def test_a_run_that_failed_is_not_compared(tmp_path):
-    assert earlier_runs.with_new_runs([tmp_path], [RunOutcome('mpcc', False, '', None)]) == [
-        tmp_path
-    ]
+    assert earlier_runs.with_new_runs([other], [failed]) == [other]

@@ -13,6 +13,7 @@ import sys
 import time
 from pathlib import Path
 
+import launch_stand_in
 import pytest
 from shell_nodes import AWAIT_RECORDER, NODES, RECORD, WAIT
 from wait_until import wait_until
@@ -20,9 +21,10 @@ from wait_until import wait_until
 from bags import cli
 from bags.storage import read
 from experiments.configuration import node_config
-from experiments.run import node_graph
+from experiments.run import node_graph, processes
 from msgs_yaml import share
 
+PLANT = 'vehicle_plant/plant_node'
 NO_DOMAIN = 0  # of shell programs, which talk to nobody
 PATIENCE_S = 240.0  # for what takes seconds on an idle machine
 RUNNER = Path(__file__).with_name('run_launch_file.py')
@@ -102,10 +104,6 @@ def output(folder):
     return (folder / 'output').read_text(errors='replace')
 
 
-def recorded_bytes(bag):
-    return sum(file.stat().st_size for file in bag.glob('*.mcap'))
-
-
 @pytest.mark.timeout(600)
 def test_a_drive_by_launch_ends_well_and_can_be_compared(tmp_path, launched, domain, capsys):
     assert launched(domain).wait(PATIENCE_S) == 0, output(tmp_path)
@@ -120,56 +118,34 @@ def test_a_drive_by_launch_ends_well_and_can_be_compared(tmp_path, launched, dom
     assert running_nodes(tmp_path) == []
 
 
-def test_a_killed_controller_ends_the_launch_with_an_error_and_a_closed_bag(
-    tmp_path, launched, domain
+UNCLOSED = re.sub("trap '.*' INT", "trap 'exit 1' INT", RECORD)
+STOPPED = f'{AWAIT_RECORDER}exit {node_graph.NOT_FINISHED}\n'
+
+
+@pytest.mark.parametrize(
+    ('node', 'script', 'plant', 'end'),
+    [
+        ('bags/recorder_node', 'kill -KILL $$\n', WAIT, 'by SIGKILL'),
+        ('mpcc_controller/controller_node', 'kill -KILL $$\n', WAIT, 'by SIGKILL'),
+        ('scenario_publisher/scenario_node', 'exit 0\n', WAIT, 'with exit code 0'),
+        ('bags/recorder_node', UNCLOSED, NODES[PLANT], 'with exit code 1'),
+        (PLANT, STOPPED, STOPPED, f'with exit code {node_graph.NOT_FINISHED}'),
+    ],
+)
+def test_a_node_that_ends_badly_or_before_the_plant_is_an_error(
+    tmp_path, shell, launched, node, script, plant, end
 ):
-    launch = launched(domain, scenario='double_lane_change')
-    bag = tmp_path / 'runs/double_lane_change/mpcc'
-    empty = wait_for(launch, lambda: recorded_bytes(bag))
-    wait_for(launch, lambda: recorded_bytes(bag) > empty + 50_000)
-    for pid in running_nodes(tmp_path, 'controller_node'):
-        os.kill(pid, signal.SIGKILL)
-    assert launch.wait(PATIENCE_S) == 1
-    assert 'the drive failed: controller_node ended by SIGKILL' in output(tmp_path)
-    assert read.load(bag).recordings['/controller/command'].payloads
-    assert (bag / 'metadata.yaml').is_file()
+    shell(PLANT, plant)
+    shell(node, script)
+    assert launched().wait(PATIENCE_S) == 1
+    assert f'{Path(node).name} ended {end}' in output(tmp_path)
     assert running_nodes(tmp_path) == []
-
-
-@pytest.mark.parametrize('node', ['bags/recorder_node', 'mpcc_controller/controller_node'])
-def test_a_node_that_is_killed_ends_the_launch_with_an_error(tmp_path, shell, launched, node):
-    shell('vehicle_plant/plant_node', WAIT)
-    shell(node, 'kill -KILL $$\n')
-    launch = launched()
-    assert launch.wait(PATIENCE_S) == 1
-    assert f'{Path(node).name} ended by SIGKILL' in output(tmp_path)
-    assert running_nodes(tmp_path) == []
-
-
-def test_a_drive_that_is_not_completed_is_an_error(tmp_path, shell, launched):
-    shell('vehicle_plant/plant_node', f'{AWAIT_RECORDER}exit {node_graph.NOT_FINISHED}\n')
-    assert launched().wait(PATIENCE_S) == 1
-    assert f'plant_node ended with exit code {node_graph.NOT_FINISHED}' in output(tmp_path)
-    assert (tmp_path / 'runs/straight/mpcc/metadata.yaml').is_file()
-
-
-def test_a_node_that_ends_before_the_plant_is_an_error_whatever_its_exit_code(
-    tmp_path, shell, launched
-):
-    shell('vehicle_plant/plant_node', WAIT)
-    shell('scenario_publisher/scenario_node', 'exit 0\n')
-    assert launched().wait(PATIENCE_S) == 1
-    assert 'scenario_node ended with exit code 0' in output(tmp_path)
-
-
-def test_a_bag_that_is_not_closed_is_an_error(tmp_path, shell, launched):
-    shell('bags/recorder_node', re.sub("trap '.*' INT", "trap 'exit 1' INT", RECORD))
-    assert launched().wait(PATIENCE_S) == 1
-    assert 'recorder_node ended with exit code 1' in output(tmp_path)
+    if node == PLANT:
+        assert (tmp_path / 'runs/straight/mpcc/metadata.yaml').is_file()
 
 
 def test_an_interrupt_is_an_error_and_closes_the_bag(tmp_path, shell, launched):
-    shell('vehicle_plant/plant_node', f'trap "exit 0" INT\n{AWAIT_RECORDER}echo driving\n{WAIT}')
+    shell(PLANT, f'trap "exit 0" INT\n{AWAIT_RECORDER}echo driving\n{WAIT}')
     launch = launched()
     wait_for(launch, lambda: 'driving' in output(tmp_path))
     os.killpg(launch.pid, signal.SIGINT)
@@ -182,13 +158,34 @@ def test_an_interrupt_is_an_error_and_closes_the_bag(tmp_path, shell, launched):
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL])
 def test_no_node_goes_on_without_the_launch(tmp_path, shell, launched, number):
     """Launch passes on SIGINT only: cars would be driven on by nodes that nobody watches."""
-    shell('vehicle_plant/plant_node', f'trap "exit 0" INT\n{AWAIT_RECORDER}echo driving\n{WAIT}')
+    shell(PLANT, f'trap "exit 0" INT\n{AWAIT_RECORDER}echo driving\n{WAIT}')
     launch = launched()
     wait_for(launch, lambda: 'driving' in output(tmp_path))
     launch.send_signal(number)
     assert launch.wait(PATIENCE_S) == -number
     wait_until(lambda: not running_nodes(tmp_path), PATIENCE_S, 'a node goes on')
     assert (tmp_path / 'runs/straight/mpcc/metadata.yaml').is_file()
+
+
+@pytest.fixture
+def refused(tmp_path, monkeypatch, capsys):
+    """Return refused(name=value, ...): what a launch in this process says before it ends with 1."""
+    (tmp_path / 'runs/straight/frenet').mkdir(parents=True)
+    for name in (*processes.DEFAULT_ENVIRONMENT, *processes.FIXED_ENVIRONMENT):
+        monkeypatch.setenv(name, os.environ.get(name, ''))
+    before = dict(sys.modules)
+    file = share.path('experiments', 'launch', 'closed_loop.launch.py')
+
+    def launch(**arguments):
+        given = {'scenario': 'straight', 'out': str(tmp_path / 'runs'), **arguments}
+        assert launch_stand_in.run(file, given) == 1
+        return ''.join(capsys.readouterr())
+
+    yield launch
+    for name in [name for name in sys.modules if name.split('.')[0].startswith('launch')]:
+        if name not in before:
+            del sys.modules[name]
+    assert [*(tmp_path / 'runs/straight').rglob('*')] == [tmp_path / 'runs/straight/frenet']
 
 
 @pytest.mark.parametrize(
@@ -201,6 +198,7 @@ def test_no_node_goes_on_without_the_launch(tmp_path, shell, launched, number):
         ({'scenario': 'strait'}, "no scenario 'strait'; available: .*did you mean 'straight'"),
         ({'mode': 'fast'}, '"mode" provided value "fast" is not valid.*lockstep.*realtime'),
         ({'out': '/proc/runs'}, 'out:=/proc/runs: cannot create the folder'),
+        ({'controller': 'frenet'}, 'runs/straight/frenet exists already'),
         ({'set': 'plant.frictoin=0.6'}, "frictoin: this node has no such .* mean 'friction'"),
         ({'set': 'friction=0.6'}, 'set:=friction=0.6: must be NODE.parameter=value'),
         (
@@ -210,56 +208,24 @@ def test_no_node_goes_on_without_the_launch(tmp_path, shell, launched, number):
         ({'params_file': '/nowhere.yaml'}, '/nowhere.yaml'),
     ],
 )
-def test_an_argument_that_cannot_be_used_is_an_error_that_names_it(
-    tmp_path, shell, launched, wrong, text
-):
-    assert launched(**wrong).wait(PATIENCE_S) == 1
-    assert re.search(text, output(tmp_path)), output(tmp_path)
+def test_an_argument_that_cannot_be_used_is_an_error_that_names_it(refused, wrong, text):
+    said = refused(**wrong)
+    assert re.search(text, said), said
 
 
-def test_a_mismatch_of_scenario_and_controller_gives_a_warning(tmp_path, shell, launched):
-    slow = share.path('scenario_publisher', 'scenarios', 'straight.yaml').read_text()
-    slow, changed = re.subn('constant_mps: [0-9.]+', 'constant_mps: 1.0', slow)
-    assert changed == 1
-    (tmp_path / 'slow.yaml').write_text(slow)
-    assert launched(scenario=tmp_path / 'slow.yaml').wait(PATIENCE_S) == 0, output(tmp_path)
-    assert re.search('warning, mpcc: the scenario asks for 1 m/s', output(tmp_path))
-
-
-def test_another_car_that_is_allowed_and_advice_on_the_scenario_are_warnings(
-    tmp_path, shell, launched
-):
-    short = share.path('scenario_publisher', 'scenarios', 'straight.yaml').read_text()
-    short, changed = re.subn('length_m: 120.0', 'length_m: 90.0', short)
-    assert changed == 1
-    (tmp_path / 'short.yaml').write_text(short)
+def test_what_is_rarely_meant_gives_warnings(tmp_path, shell, launched):
+    text = share.path('scenario_publisher', 'scenarios', 'straight.yaml').read_text()
+    text = re.sub('constant_mps: [0-9.]+', 'constant_mps: 1.0', text)
+    (tmp_path / 'own.yaml').write_text(text.replace('length_m: 120.0', 'length_m: 62.0'))
     given = {'set': 'plant.plant_params=vw_gti.yaml', 'any_car': 'true'}
-    launch = launched(scenario=tmp_path / 'short.yaml', **given)
+    launch = launched(scenario=tmp_path / 'own.yaml', **given)
     assert launch.wait(PATIENCE_S) == 0, output(tmp_path)
-    assert re.search('warning, mpcc: the path ends ', output(tmp_path))
-    assert re.search(
-        'warning, mpcc: the controller believes that 0% of the drive', output(tmp_path)
-    )
-
-
-def test_an_older_recording_is_not_touched(tmp_path, shell, launched):
-    (tmp_path / 'runs/straight/mpcc').mkdir(parents=True)
-    assert launched().wait(PATIENCE_S) == 1
-    assert 'runs/straight/mpcc exists already' in output(tmp_path)
-    assert list((tmp_path / 'runs/straight/mpcc').iterdir()) == []
-
-
-def test_a_controller_may_be_a_file_and_markers_may_be_drawn(tmp_path, shell, launched):
-    own = tmp_path / 'brave.yaml'
-    own.write_text('/**:\n  ros__parameters:\n    safety:\n      obstacle_m: 0.1\n')
-    shell('bags/markers_node', WAIT)
-    shell('vehicle_plant/plant_node', f'{AWAIT_RECORDER}env\ncat "${{last%/*}}/run_info.json"\n')
-    assert launched(controller=own, markers='true').wait(PATIENCE_S) == 0, output(tmp_path)
-    text = output(tmp_path)
-    assert r'\"safety.obstacle_m\": 0.1' in text
-    assert 'OPENBLAS_NUM_THREADS=1' in text
-    assert 'ROS_AUTOMATIC_DISCOVERY_RANGE=' in text
-    assert (tmp_path / 'runs/straight/brave/metadata.yaml').is_file()
+    for warning in (
+        'the scenario asks for 1 m/s',
+        'the path ends ',
+        'the controller believes that 0% of the drive',
+    ):
+        assert f'warning, mpcc: {warning}' in output(tmp_path)
 
 
 def test_the_arguments_reach_the_nodes_and_what_is_recorded(tmp_path, shell, launched):
@@ -268,8 +234,11 @@ def test_the_arguments_reach_the_nodes_and_what_is_recorded(tmp_path, shell, lau
         'plant: {ros__parameters: {friction: 0.8, start: {speed_mps: 12.0}}}\n'
         '/car1/controller: {ros__parameters: {tolerances: {lag_m: 0.7}}}\n'
     )
-    show = f'echo "$0" "$@"\n{AWAIT_RECORDER}cat "${{last%/*}}/run_info.json" "$last"\n'
-    shell('vehicle_plant/plant_node', show)
+    own = tmp_path / 'brave.yaml'
+    own.write_text('/**:\n  ros__parameters:\n    safety:\n      obstacle_m: 0.1\n')
+    shell('bags/markers_node', WAIT)
+    show = f'env\necho "$0" "$@"\n{AWAIT_RECORDER}cat "${{last%/*}}/run_info.json" "$last"\n'
+    shell(PLANT, show)
     given = {
         'namespace': 'car1',
         'params_file': file,
@@ -277,6 +246,8 @@ def test_the_arguments_reach_the_nodes_and_what_is_recorded(tmp_path, shell, lau
         'log_level': 'warn',
         'use_sim_time': 'true',
         'autostart': 'false',
+        'controller': own,
+        'markers': 'true',
     }
     assert launched(**given).wait(PATIENCE_S) == 0, output(tmp_path)
     text = output(tmp_path)
@@ -292,6 +263,10 @@ def test_the_arguments_reach_the_nodes_and_what_is_recorded(tmp_path, shell, lau
     assert noted['plant']['friction'] == 0.6
     assert noted['plant']['start.speed_mps'] == 12.0
     assert noted['controller']['tolerances.lag_m'] == 0.7
+    assert noted['controller']['safety.obstacle_m'] == 0.1
+    assert 'OPENBLAS_NUM_THREADS=1' in text
+    assert 'ROS_AUTOMATIC_DISCOVERY_RANGE=' in text
+    assert (tmp_path / 'runs/straight/brave/metadata.yaml').is_file()
     assert noted['recorder']['chunk_s'] == 0.25
     assert not [name for values in noted.values() for name in values if name == 'use_sim_time']
 
@@ -300,7 +275,7 @@ def test_without_a_recording_there_is_no_recorder_and_no_node_waits_for_one(
     tmp_path, shell, launched
 ):
     shell('bags/recorder_node', 'echo recording\n')
-    shell('vehicle_plant/plant_node', 'cat "$last"\n')
+    shell(PLANT, 'cat "$last"\n')
     assert launched(record='false').wait(PATIENCE_S) == 0, output(tmp_path)
     assert 'recorders: 0' in output(tmp_path)
     assert 'recording' not in output(tmp_path)

@@ -1,6 +1,7 @@
 """`experiments run` as a person uses it: interrupted, killed, with a node that fails."""
 
 import contextlib
+import io
 import os
 import signal
 import subprocess
@@ -9,36 +10,54 @@ import time
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 from shell_nodes import AWAIT_RECORDER, WAIT, left_over
 from wait_until import wait_until
 
 from bags.storage import read
-from experiments.run import staging
+from experiments import cli
+from experiments.run import run_and_compare, staging
 
-RUN = (sys.executable, '-m', 'experiments.cli', 'run', 'straight')
-
-
-def started(folder, process):
-    """Tell whether the plant of the first run has been started and writes to its log."""
-    assert process.poll() is None, process.stderr.read()
-    logs = folder.glob('runs/straight/.mpcc.*/logs/plant_node.log')
-    return any(log.read_text() for log in logs)
+EXPERIMENTS = (sys.executable, '-m', 'experiments.cli')
+PLANT = 'vehicle_plant/plant_node'
 
 
 @pytest.fixture
-def command(tmp_path, prefix):
+def start(tmp_path):
+    """Return start(word, ...): `experiments run` as a process, killed when the test ends."""
+    started = []
+
+    def run(*words, **options):
+        process = subprocess.Popen(
+            [*EXPERIMENTS, 'run', *words, '--out', 'runs'],
+            cwd=tmp_path,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            **options,
+        )
+        started.append(process)
+        return process
+
+    yield run
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def command(tmp_path, prefix, start):
     """Return the started `experiments run` of nodes that would never end."""
-    prefix('vehicle_plant/plant_node', f'{AWAIT_RECORDER}echo driving\n{WAIT}')
-    process = subprocess.Popen(
-        [*RUN, '--out', tmp_path / 'runs'],
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    wait_until(lambda: started(tmp_path, process), 60.0, 'the plant was not started')
-    yield process
-    process.kill()
-    process.communicate()
+    prefix(PLANT, f'{AWAIT_RECORDER}echo driving\n{WAIT}')
+    process = start('straight')
+
+    def is_driving():
+        assert process.poll() is None, process.stderr.read()
+        logs = tmp_path.glob('runs/straight/.mpcc.*/logs/plant_node.log')
+        return any(log.read_text() for log in logs)
+
+    wait_until(is_driving, 60.0, 'the plant was not started')
+    return process
 
 
 @pytest.mark.parametrize(
@@ -54,76 +73,39 @@ def test_a_signal_at_the_command_leaves_no_process_and_keeps_the_recording(
     _, stderr = command.communicate(timeout=240)
     assert command.returncode == code
     kept = tmp_path / 'runs/straight/mpcc.interrupted'
-    assert stderr == f'interrupted: every node was stopped; kept: {os.path.relpath(kept)}\n'
+    assert stderr == 'interrupted: every node was stopped; kept: runs/straight/mpcc.interrupted\n'
     assert (kept / 'metadata.yaml').is_file()
     assert left_over(tmp_path) == []
     assert list((tmp_path / 'runs/straight').iterdir()) == [kept]
 
 
-def test_a_hang_up_that_is_ignored_does_not_end_a_run_under_nohup(tmp_path, prefix):
-    release = tmp_path / 'release'
-    wait = f'until [ -e {release} ]; do sleep 0.05; done\n'
-    prefix('vehicle_plant/plant_node', f'{AWAIT_RECORDER}echo driving\n{wait}exit 2\n')
-    command = ['nohup', *RUN]
-    process = subprocess.Popen(
-        [*command, '--out', tmp_path / 'runs'],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    try:
-        wait_until(lambda: started(tmp_path, process), 60.0, 'the plant was not started')
-        process.send_signal(signal.SIGHUP)
-        release.touch()
-        process.communicate(timeout=240)
-    finally:
-        process.kill()
-        process.communicate()
+def test_under_nohup_a_hangup_does_not_end_the_run(tmp_path, prefix, start):
+    prefix(PLANT, f'{AWAIT_RECORDER}kill -HUP $PPID\nsleep 0.5\nexit 0\n')
+    process = start('straight', preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))
+    process.communicate(timeout=240)
     # the comparison fails: these nodes record nothing
     assert process.returncode == 1
     assert (tmp_path / 'runs/straight/mpcc/metadata.yaml').is_file()
     assert not (tmp_path / 'runs/straight/mpcc.interrupted').exists()
 
 
-def test_an_interrupt_before_anything_was_recorded_leaves_no_folder(tmp_path, prefix):
-    prefix('vehicle_plant/plant_node', WAIT)
+def test_an_interrupt_before_anything_was_recorded_leaves_no_folder(tmp_path, prefix, start):
+    prefix(PLANT, WAIT)
     prefix('bags/recorder_node', f'kill -INT $PPID\n{WAIT}')
-    done = subprocess.run(
-        [
-            *RUN,
-            '--out',
-            tmp_path / 'new/runs',
-        ],
-        capture_output=True,
-        text=True,
-        timeout=240,
-    )
-    assert done.returncode == 130
-    assert done.stderr == 'interrupted: every node was stopped; kept: nothing\n'
-    assert not (tmp_path / 'new').exists()
+    process = start('straight')
+    _, stderr = process.communicate(timeout=240)
+    assert process.returncode == 130
+    assert stderr == 'interrupted: every node was stopped; kept: nothing\n'
+    assert not (tmp_path / 'runs').exists()
 
 
-def test_an_interrupt_says_which_earlier_run_was_kept(tmp_path, prefix):
-    # the first plant ends at once, the second one never
+def test_an_interrupt_says_which_earlier_run_was_kept(tmp_path, prefix, start):
+    # the first plant ends at once, the second one interrupts the command
     flag = tmp_path / 'flag'
-    once = f'[ -e {flag} ] || {{ touch {flag}; exit 0; }}\n'
-    prefix('vehicle_plant/plant_node', AWAIT_RECORDER + once + WAIT)
-    command = [*RUN, '--out', 'runs']
-    process = subprocess.Popen(
-        [*command, '--controller', 'mpcc', '--controller', 'mpcc_no_ca'],
-        cwd=tmp_path,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    try:
-        recording = 'runs/straight/.mpcc_no_ca.*/logs/recording'
-        wait_until(lambda: list(tmp_path.glob(recording)), 60.0, 'the second run records nothing')
-        process.send_signal(signal.SIGINT)
-        _, stderr = process.communicate(timeout=240)
-    finally:
-        process.kill()
+    once = f'[ -e {flag} ] || {{ touch {flag}; exit 0; }}\nkill -INT $PPID\n'
+    prefix(PLANT, AWAIT_RECORDER + once + WAIT)
+    process = start('straight', '--controller', 'mpcc', '--controller', 'mpcc_no_ca')
+    _, stderr = process.communicate(timeout=240)
     kept = 'runs/straight/mpcc, runs/straight/mpcc_no_ca.interrupted'
     assert stderr == f'interrupted: every node was stopped; kept: {kept}\n'
     assert left_over(tmp_path) == []
@@ -141,22 +123,27 @@ def test_a_killed_command_takes_its_nodes_with_it_and_the_next_one_names_the_rem
     assert str(left / 'mpcc') in line
 
 
-def test_a_failed_node_makes_the_command_fail(tmp_path, prefix):
+def test_a_failed_node_makes_the_command_fail(tmp_path, prefix, capsys):
     prefix('mpcc_controller/controller_node', 'echo no solver; exit 4\n')
-    done = subprocess.run(
-        [*RUN, '--out', tmp_path / 'runs'],
-        capture_output=True,
-        text=True,
-        timeout=240,
-    )
-    assert done.returncode == 1
-    assert 'mpcc: controller_node ended early with exit code 4' in done.stderr
-    assert '| no solver' in done.stderr
+    assert cli.main(['run', 'straight', '--out', str(tmp_path / 'runs')]) == 1
+    said = ''.join(capsys.readouterr())
+    assert 'mpcc: controller_node ended early with exit code 4' in said
+    assert '| no solver' in said
     assert left_over(tmp_path) == []
 
 
-def recorded_bytes(folder):
-    return sum(file.stat().st_size for file in folder.glob('.mpcc.*/mpcc/*.mcap'))
+def test_another_car_that_is_driven_all_the_same_is_told_with_all_that_differs(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(run_and_compare, '_run_each', lambda *_: [])
+    request = run_and_compare.Request(
+        'straight', ['mpcc'], 'lockstep', tmp_path, ['plant.plant_params=vw_gti.yaml'], 60.0
+    )
+    console = Console(file=io.StringIO(), width=400)
+    run_and_compare.run_controllers(request._replace(any_car=True), console)
+    said = ' '.join(console.file.getvalue().split())
+    assert 'warning, mpcc: car_file car.yaml does not fit the plant: wheelbase 2.89 m' in said
+    assert 'load of the rear axle' in said
 
 
 def kill_the_controller(command):
@@ -164,10 +151,8 @@ def kill_the_controller(command):
     for process in Path('/proc').glob('[0-9]*'):
         with contextlib.suppress(OSError):
             parent = (process / 'stat').read_text().rpartition(')')[2].split()[1]
-            if (
-                int(parent) == command.pid
-                and b'controller_node' in (process / 'cmdline').read_bytes()
-            ):
+            is_controller = b'controller_node' in (process / 'cmdline').read_bytes()
+            if is_controller and int(parent) == command.pid:
                 os.kill(int(process.name), signal.SIGKILL)
 
 
@@ -180,24 +165,21 @@ def terminate(command):
     ('end', 'code', 'kept'),
     [(kill_the_controller, 1, 'mpcc.failed/mpcc'), (terminate, 143, 'mpcc.interrupted')],
 )
-def test_a_real_run_that_is_ended_leaves_a_closed_bag_with_its_recording(tmp_path, end, code, kept):
-    folder = tmp_path / 'double_lane_change'
-    command = subprocess.Popen(
-        [sys.executable, '-m', 'experiments.cli', 'run', 'double_lane_change', '--out', tmp_path],
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    try:
+def test_a_real_run_that_is_ended_leaves_a_closed_bag_with_its_recording(
+    tmp_path, start, end, code, kept
+):
+    folder = tmp_path / 'runs/double_lane_change'
+    process = start('double_lane_change')
+
+    def is_recorded():
+        assert process.poll() is None, process.stderr.read()
         # what is there before the first message does not count
-        while recorded_bytes(folder) < 100_000:
-            assert command.poll() is None, command.stderr.read()
-            time.sleep(0.05)
-        end(command)
-        _, stderr = command.communicate(timeout=240)
-    finally:
-        command.kill()
-    assert command.returncode == code, stderr
+        return sum(file.stat().st_size for file in folder.glob('.mpcc.*/mpcc/*.mcap')) > 100_000
+
+    wait_until(is_recorded, 240.0, 'nothing is recorded')
+    end(process)
+    _, stderr = process.communicate(timeout=240)
+    assert process.returncode == code, stderr
     assert kept in stderr
     bag = read.load(folder / kept)
     assert (folder / kept / 'metadata.yaml').is_file()

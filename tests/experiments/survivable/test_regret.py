@@ -97,15 +97,6 @@ def test_the_p_value_is_that_of_a_fair_coin():
     assert report.pair_cells(5, 0, 0, 5)[-1] == '1'
 
 
-def test_a_draw_that_all_lost_is_searched_once_and_its_verdict_kept(tmp_path):
-    """The table says that it was lost: an MPCC with hindsight survives it."""
-    folder = written(tmp_path / 'library', row(1, 'mpcc', False), row(2, 'mpcc', True))
-    for _ in range(2):
-        assert 'possible: pop_up:1 mpcc: touched obstacle 1' in shown(folder, budget=20)
-        (line,) = (folder / report.FOLDER / 'drives.jsonl').read_text().splitlines()
-        assert json.loads(line)['results']['answer'] == POSSIBLE
-
-
 def test_drives_of_other_settings_are_neither_mixed_nor_paired_with_themselves(tmp_path):
     """Without the settings in the key the later table would replace the rows of the first."""
     faster = {'controller.limits.drive_n': 3000.0}
@@ -151,20 +142,23 @@ def test_a_folder_without_a_table_and_an_unknown_base_are_named(tmp_path):
         shown(folder, base='mpcc_road')
 
 
-def test_an_undecided_draw_of_a_table_is_searched_again_with_a_larger_budget(
-    tmp_path, capsys, monkeypatch
-):
-    folder, table = (
-        written(tmp_path / 'library', row(1, 'mpcc', False)),
-        tmp_path / 'drives.parquet',
-    )
+def test_a_draw_that_all_lost_is_searched_once_and_its_verdict_kept(tmp_path, capsys, monkeypatch):
+    """The table says that it was lost: an MPCC with hindsight survives it."""
+    folder = written(tmp_path / 'library', row(1, 'mpcc', False), row(2, 'mpcc', True))
+    table = tmp_path / 'drives.parquet'
     command = ['survivable', '--base', 'mpcc', '--jobs', '1', '--table', str(table)]
-    assert cli.main([*command, '--budget', '0', str(folder)]) == 0
-    assert 'possible: pop_up:1' not in capsys.readouterr().out
-    for _ in range(2):  # found, then kept
-        assert cli.main([*command, '--budget', '20', str(table)]) == 0
-        assert 'possible: pop_up:1 mpcc: touched obstacle 1' in capsys.readouterr().out
-    kept = [*command, '--budget', '0', str(table)]
+
+    def shows_it(budget, place):
+        assert cli.main([*command, '--budget', str(budget), str(place)]) == 0
+        return 'possible: pop_up:1 mpcc: touched obstacle 1' in capsys.readouterr().out
+
+    assert not shows_it(0, folder)
+    # undecided is no answer to a larger budget; what is found is kept in folder and table
+    assert shows_it(20, table)
+    for _ in range(2):
+        assert shows_it(20, folder)
+    (line,) = (folder / report.FOLDER / 'drives.jsonl').read_text().splitlines()
+    assert json.loads(line)['results']['answer'] == POSSIBLE
+    assert shows_it(0, table)
     monkeypatch.setattr(report, 'SEARCH_VERSION', report.SEARCH_VERSION + 1)
-    assert cli.main(kept) == 0
-    assert 'possible: pop_up:1' not in capsys.readouterr().out
+    assert not shows_it(0, table)
