@@ -1,8 +1,8 @@
 # make demo      set up .venv on first use, drive the double lane change, compare, draw
 # make test      what a change is to pass: all tests that need no DDS, a smoke test of the nodes
-# make check     what the continuous integration runs: lint, every test, coverage of the safety modules
+# make check     what the continuous integration runs: lint, site, tests, of pages those that changed
 # make budget    lines, files and megabytes: are they within .ci/budget.txt?
-# make nightly   2,000 fresh emergencies, an exception in every function of a tick (about two hours)
+# make nightly   2,000 fresh emergencies, exceptions in a tick, every page and build (two hours)
 # make paper     both experiments of the paper, driven and drawn, into paper/
 # make study     the published shares of the study over many settings, from its rows
 # make setup     .venv with what driving needs; our packages run from their source: edits count at once
@@ -25,8 +25,8 @@ SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
 .PHONY: help demo test check budget docs notebooks coverage coverage_whole nightly paper study studies \
-  bench realtime faults soak repeat golden identify lint setup requirements wheels wheels_test \
-  version clean
+  bench realtime faults soak repeat golden identify lint setup side_by_side requirements wheels \
+  wheels_test version clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -111,12 +111,9 @@ PYTEST := $(BIN)/python -m pytest
 PARALLEL = $(PYTEST) --numprocesses $(WORKERS) --maxprocesses 8 --dist loadscope \
   --no-loadscope-reorder --durations 20
 
-# a ring, a restart, and a recording that is played and recorded again
-SMOKE := tests/ros tests/bags/storage
-
+# of the tests over Fast DDS a ring, a restart, and a recording that is played and recorded again
 test: setup $(VENV)/.tests
-	$(PARALLEL) -m 'not (ros or slow or alone or nightly)'
-	$(PYTEST) -m 'smoke and not alone' $(SMOKE)
+	$(PARALLEL) -m '(smoke or not (ros or slow or site or nightly)) and not alone'
 
 lint: $(VENV)/.tests
 	$(BIN)/ruff check .
@@ -132,7 +129,7 @@ SAFE := */gate.py,*/fallback.py,*/braking.py,*/last_resort.py,*/recovery.py,*/in
 SAFE_TESTS := $(foreach name,gate fallback braking last_resort recovery internal_errors parallel_solves \
     watchdog,tests/mpcc_controller/driving/test_$(name).py) \
   tests/mpcc_controller/test_run_time_parameters.py tests/mpcc_controller/model/test_car_file.py \
-  $(foreach name,gate gate_friction stepping plant_health,tests/vehicle_plant/test_$(name).py) \
+  $(foreach name,gate stepping,tests/vehicle_plant/test_$(name).py) \
   tests/node_runtime/test_input_monitor.py tests/node_runtime/test_clocks.py
 COVER_SAFE := $(BIN)/python -m coverage run --branch --include='$(SAFE)' -m pytest -q $(SAFE_TESTS) && \
   $(BIN)/python -m coverage report --fail-under=100
@@ -149,21 +146,30 @@ coverage_whole: setup $(VENV)/.tests
 	  $(BIN)/python -m coverage report --fail-under=90 || failed=1; exit $$failed
 
 # Every test in one of three parts: those of the safety modules, traced; those that must have the
-# machine for themselves; all others. Each part runs, whatever failed before it. Of the second part
-# only the files are read that have such a test: to collect all takes as long as some of them. Where
-# nodes may not be given real-time priority, drives on the wall clock (`wall_clock`) are in it, too.
-ALONE = $(shell grep -rlwE --include='test_*.py' 'mark\.alone|wall_clock' tests)
-check: setup $(VENV)/.tests lint budget docs
+# machine for themselves or look at the built site; all others. The site is built and the first part
+# runs beside the last one, and each runs, whatever failed before it. Of the second part only the
+# files are read that have such a test: to collect all takes as long as some of them. Where nodes may
+# not be given real-time priority, drives on the wall clock (`wall_clock`) are in it, too.
+ALONE = $(shell grep -rlwE --include='test_*.py' 'mark\.alone|mark\.site|wall_clock' tests)
+# Pages, notebooks, wheels and builds by colcon are tested where something that they read differs from
+# this commit: the last one that was pulled or, on it, the one before; empty: always
+CHANGED_SINCE ?= $(shell git merge-base HEAD @{upstream} 2>/dev/null | grep -v "$$(git rev-parse HEAD)" \
+  || echo HEAD~1)
+check: setup $(VENV)/.tests $(VENV)/.docs lint budget
 	failed=0; \
-	  $(PARALLEL) -m 'not (alone or nightly)' $(addprefix --ignore=,$(SAFE_TESTS)) || failed=1; \
-	  { $(COVER_SAFE); } || failed=1; \
-	  $(PYTEST) -m alone --durations 10 $(ALONE) || failed=1; \
+	  $(MAKE_COMMAND) --keep-going --jobs 2 side_by_side docs coverage || failed=1; \
+	  $(PYTEST) -m 'alone or site' --durations 10 $(ALONE) || failed=1; \
 	  exit $$failed
 
+side_by_side: setup $(VENV)/.tests
+	CHANGED_SINCE=$(CHANGED_SINCE) \
+	  $(PARALLEL) -m 'not (alone or site or nightly)' $(addprefix --ignore=,$(SAFE_TESTS))
+
+# with all pages, notebooks, wheels and builds
 nightly: setup $(VENV)/.tests
 	failed=0; \
 	  $(BIN)/python tests/closed_loop/nightly_survival.py --out build/nightly || failed=1; \
-	  $(PARALLEL) -m nightly tests/closed_loop || failed=1; \
+	  $(PARALLEL) -m 'nightly or reads' || failed=1; \
 	  exit $$failed
 
 bench: setup $(VENV)/.tests

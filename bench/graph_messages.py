@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 from rclpy.serialization import serialize_message
 
-from msgs_yaml import cdr_templates, contract, encode, flat_fields, types
+from msgs_yaml import contract, encode, flat_fields, types
 
 START_NS = 1_234_567_890_000  # its bytes are nothing else in a message
 NS_PER_MS = 1_000_000
@@ -41,7 +41,7 @@ class GraphMessages:
 
     def __init__(self, mode: str, every_ms: bool):
         """`every_ms`: imu and wheels come at 1 kHz, too, not at the contract's rate."""
-        self._templates = {topic: cdr_templates.Template(topic) for topic in flat_fields.TYPES}
+        self._templates = {topic: flat_fields.load(topic) for topic in flat_fields.TYPES}
         self._constant = _constant()
         self.topics = tuple(contract.load().topics.values())
         self._period_ms = [

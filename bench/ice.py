@@ -32,8 +32,8 @@ from tables import markdown
 
 from experiments import simulation
 from experiments.configuration import set_option
+from experiments.families.scenario_document import document, lane_change, straight
 from scenario_publisher import scenario
-from scenario_publisher.families.scenario_document import document, lane_change, straight
 
 LANE_M = 3.5
 FRICTIONS, LEAST_SPEEDS, TOP_SPEEDS = (0.15, 0.6), (10.0, 20.0), (24.0, 34.0)

@@ -33,7 +33,7 @@ from tables import markdown, share
 from experiments import simulation
 from experiments.simulation import Setup
 from scenario_publisher import scenario
-from vehicle_plant import double_track
+from vehicle_plant import suspension
 
 SIDESLIPS_RAD = np.radians((0, 5, 10, 15, 20, 25, 30))
 YAW_RATES_RADPS = (-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0)
@@ -117,7 +117,7 @@ def ending(odometry, plant) -> Ending:
     spun_s = t[np.abs(beta) > SPUN_RAD].min(initial=np.inf)
     settled = np.flatnonzero(calm & (since >= SETTLED_S) & (t < spun_s))
     end = settled[0] if settled.size else len(t) - 1
-    corners = double_track.wheel_corners(plant.car)
+    corners = suspension.wheel_corners(plant.car)
     c, s = np.cos(psi[: end + 1]), np.sin(psi[: end + 1])
     offset = max(np.abs(Y[: end + 1] + s * k.x + c * k.y).max() for k in corners)
     recovered = bool(settled.size)

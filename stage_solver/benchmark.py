@@ -14,7 +14,6 @@ import itertools
 import platform
 import time
 from pathlib import Path
-from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -33,7 +32,6 @@ from stage_solver import (
 from stage_solver.reference_solvers import ReferenceSolver
 
 OWN = 'riccati'
-SOLVERS = (OWN, *reference_solvers.NAMES)
 STAGES, STATES = (20, 50, 100, 200), (4, 8, 12)
 STEP_S, MAX_FORCE_N = 0.1, 1.0
 DISTURBANCE = 0.05  # of the initial state, solver units
@@ -42,23 +40,11 @@ HEAD = """| problem | start | solver | iterations median | max | ms median | max
 |---|---|---|---:|---:|---:|---:|---:|"""
 
 
-class Case(NamedTuple):
-    """A problem and the arguments of its undisturbed solve."""
+def make_chain(horizon: int, states: int) -> tuple[StageProblem, tuple]:
+    """Return a chain of masses between nonlinear springs; forces on both ends bring it to rest.
 
-    problem: StageProblem
-    arguments: tuple  # x0, P, bounds, guess
-
-
-class Result(NamedTuple):
-    """One solver on the instances of one case, from one kind of start."""
-
-    seconds: np.ndarray  # (passes, instances)
-    iterations: np.ndarray  # (instances,)
-    solved: np.ndarray  # (instances,) bool
-
-
-def make_chain(horizon: int, states: int) -> Case:
-    """Return a chain of masses between nonlinear springs; forces on both ends bring it to rest."""
+    With the arguments of its undisturbed solve.
+    """
     masses = states // 2
     x, u, p = ca.SX.sym('x', states), ca.SX.sym('u', 2), ca.SX.sym('p', 0)
 
@@ -83,64 +69,56 @@ def make_chain(horizon: int, states: int) -> Case:
     bounds = no_bounds(problem)
     bounds.u_low[:], bounds.u_high[:] = -MAX_FORCE_N, MAX_FORCE_N
     x0 = np.concatenate([np.linspace(0.5, 1.5, masses), np.zeros(masses)])
-    return Case(problem, (x0, np.zeros((horizon + 1, 0)), bounds, zero_plan(problem)))
+    return problem, (x0, np.zeros((horizon + 1, 0)), bounds, zero_plan(problem))
 
 
-def make_cases(quick: bool) -> dict[str, Case]:
-    """Return the cases by their labels in the table."""
+def make_cases(quick: bool) -> dict[str, tuple[StageProblem, tuple]]:
+    """Return problems and the arguments of their undisturbed solves, by their labels."""
     cases = {}
     for module, *more in ((cart_pole,), (quadrotor,), (point_robot, point_robot.bend_curvature())):
         problem = module.make_problem()
-        cases[problem.name] = Case(problem, module.make_arguments(problem, *more))
+        cases[problem.name] = problem, module.make_arguments(problem, *more)
     sizes = [(N, nx) for nx in STATES for N in STAGES]
     for N, nx in sizes[:1] if quick else sizes:
         cases[f'chain, {nx} states, {N} stages'] = make_chain(N, nx)
-    return {name: cases[name] for name in list(cases)[-2:]} if quick else cases
+    return dict(list(cases.items())[-2:]) if quick else cases
 
 
-def run_case(case: Case, instances: int, passes: int) -> dict[tuple[str, str], Result]:
-    """Return the results by (start, solver)."""
-    problem, (x0, P, bounds, guess) = case
+def run_case(
+    label: str, problem: StageProblem, arguments: tuple, instances: int, passes: int
+) -> list[str]:
+    """Return the rows of the table in Markdown, one per start and solver."""
+    x0, P, bounds, guess = arguments
     options = SolverOptions(max_iterations=300, tolerance=1e-6)
     solvers = {OWN: make_solver(problem, options)}
     for name in reference_solvers.NAMES:
         solvers[name] = ReferenceSolver(problem, name, options, compiled=True)
     noise = np.abs(np.random.default_rng(SEED).standard_normal((2, instances, problem.nx)))
     initial_states = x0 + DISTURBANCE * noise * problem.scale_x
-    results, plans, order = {}, {}, list(SOLVERS)
+    plans, order, rows = {}, list(solvers), []
     gc.collect()
     gc.disable()  # no collection within a measured call
     for start, states in zip(('cold', 'warm'), initial_states):
-        for name in SOLVERS:
-            counts = np.zeros(instances, int), np.zeros(instances, bool)
-            results[start, name] = Result(np.zeros((passes, instances)), *counts)
+        ms = {name: np.zeros((passes, instances)) for name in solvers}
+        solutions = {name: [None] * instances for name in solvers}
         for a_pass, i in itertools.product(range(passes), range(instances)):
             order = order[1:] + order[:1]  # no solver always follows the same one
             for name in order:
-                first = guess if start == 'cold' else plans[name, i]
+                first = guess if start == 'cold' else plans[name][i].plan
                 began = time.perf_counter()
-                solution = solvers[name].solve(states[i], P, bounds, first)
-                result = results[start, name]
-                result.seconds[a_pass, i] = time.perf_counter() - began
-                result.iterations[i] = solution.iterations
-                result.solved[i] = solution.status == SOLVED
-                if start == 'cold':
-                    plans[name, i] = solution.plan
+                solutions[name][i] = solvers[name].solve(states[i], P, bounds, first)
+                ms[name][a_pass, i] = 1e3 * (time.perf_counter() - began)
+        for name, answers in solutions.items():
+            iterations = [answer.iterations for answer in answers]
+            times = np.median(ms[name], axis=0)
+            solved = sum(answer.status == SOLVED for answer in answers)
+            rows.append(
+                f'| {label} | {start} | {name} | {np.median(iterations):g} | {max(iterations)} '
+                f'| {np.median(times):.2f} | {times.max():.2f} | {solved}/{instances} |'
+            )
+        plans = solutions
     gc.enable()
-    return results
-
-
-def make_table(all_results: dict[str, dict[tuple[str, str], Result]]) -> str:
-    """Return the table in Markdown."""
-    lines = [HEAD]
-    for label, results in all_results.items():
-        for (start, name), (seconds, iterations, solved) in results.items():
-            ms = 1e3 * np.median(seconds, axis=0)
-            counts = f'{np.median(iterations):g} | {iterations.max()}'
-            times = f'{np.median(ms):.2f} | {ms.max():.2f}'
-            share = f'{solved.sum()}/{len(solved)}'
-            lines.append(f'| {label} | {start} | {name} | {counts} | {times} | {share} |')
-    return '\n'.join(lines)
+    return rows
 
 
 def main():
@@ -153,16 +131,17 @@ def main():
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     instances, passes = (2, 1) if options.quick else (options.instances, options.passes)
-    results = {}
+    rows = []
+    print(HEAD)
     for label, case in make_cases(options.quick).items():
-        results[label] = run_case(case, instances, passes)
-        print(make_table({label: results[label]}), flush=True)
+        rows += run_case(label, *case, instances, passes)
+        print('\n'.join(rows[-2 * (1 + len(reference_solvers.NAMES)) :]), flush=True)
     heading = (
         '# Benchmark of stage_solver\n\nGenerated by `python stage_solver/benchmark.py`: '
         f'{instances} disturbed initial states per problem, times of the whole call, median of '
         f'{passes} passes. {platform.machine()}, CasADi {ca.__version__}.\n\n'
     )
-    (options.out / 'benchmark.md').write_text(f'{heading}{make_table(results)}\n')
+    (options.out / 'benchmark.md').write_text('\n'.join([heading + HEAD, *rows, '']))
 
 
 if __name__ == '__main__':

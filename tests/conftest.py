@@ -7,6 +7,7 @@ import sys
 from collections import Counter
 
 import capabilities
+import changes
 import commit_seed
 import hypothesis
 import pytest
@@ -60,7 +61,15 @@ def pytest_collection():
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m selects
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
+    unread = [
+        item
+        for item in items
+        if (reads := item.get_closest_marker('reads')) and not changes.any_changed(reads.args)
+    ]
+    if unread:
+        config.hook.pytest_deselected(items=unread)
+        items[:] = [item for item in items if item not in unread]
     for item in items:
         if 'dds' in getattr(item, 'fixturenames', ()):
             item.add_marker('ros')

@@ -1,7 +1,7 @@
 """Execute the notebooks of this folder and keep their output in them: `make notebooks`.
 
 Outputs are committed: the site and every viewer of notebooks show them, and building the site
-executes nothing. `make check` executes the notebooks again and keeps nothing.
+executes nothing. A test executes the notebooks again and keeps nothing.
 """
 
 import argparse

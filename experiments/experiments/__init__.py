@@ -7,7 +7,8 @@ Run
     configuration      nodes and parameters of a run, checked before it starts
     batch              a study file: scenarios, parameters and controllers, combined and driven
     preview            a scenario before it is driven
-    library            families of random emergencies, and who survives them
+    families           random emergencies as scenario files
+    library            who survives the families and the entries of emergencies
     settings           random settings of everything that the paper does not print, and the study
 Analyse
     replay             recorded ticks through today's controller

@@ -23,12 +23,12 @@ from bags.evaluation.flattening import flatten
 from experiments import code_version, simulation
 from experiments.configuration import inputs, node_config, set_option
 from experiments.configuration.inputs import KPH
+from experiments.families import draw as families
 from experiments.simulation import Setup
 from msgs_yaml import share
 from msgs_yaml.strict_yaml import closest
 from node_runtime.parameters import SPEED
 from scenario_publisher import scenario, schema
-from scenario_publisher.families import draw as families
 from scenario_publisher.scenario import Scenario
 from vehicle_plant import initial_state
 

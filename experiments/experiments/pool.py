@@ -110,9 +110,18 @@ class Pool:
         self._stack.close()
 
     def _leave(self):
+        if self.address:
+            # in a thread: a dask worker that does not answer must not hold up Ctrl-C
+            telling = threading.Thread(target=self._end_far_processes, daemon=True)
+            telling.start()
+            telling.join(LEAVE_S + POLL_S)
         _end_processes(self._command)
         with contextlib.suppress(Exception):  # the scheduler may be gone
             self._client.close(timeout=POLL_S)
+
+    def _end_far_processes(self):
+        with contextlib.suppress(Exception):  # scheduler or workers may be gone
+            self._client.run(_end_processes, self._command, on_error='ignore')
 
     def finish_each(
         self, function: Callable, tasks: Sequence[tuple], limit_s: float = math.inf
@@ -276,7 +285,11 @@ class TaskProcess:
     @property
     def is_alive(self) -> bool:
         """Whether it has not ended."""
-        return self._popen.poll() is None
+        if self._popen.returncode is not None:
+            return False
+        # without taking its exit status: its number stays its own until `end`
+        how = os.WEXITED | os.WNOHANG | os.WNOWAIT
+        return os.waitid(os.P_PID, self._popen.pid, how) is None
 
     def begin(self, task: bytes) -> None:
         """Begin a task, a pickled function with its arguments. Raises OSError when it has ended."""
@@ -309,12 +322,13 @@ class TaskProcess:
     def end(self, wait_s: float) -> str:
         """Let the process end within `wait_s`, or end it; return how it ended, for a person."""
         self.leave()
-        try:
-            code = self._popen.wait(wait_s)
-        except subprocess.TimeoutExpired:
-            # its compilers, too
-            os.killpg(self._popen.pid, signal.SIGKILL)
-            code = self._popen.wait()
+        if self._popen.returncode is None:
+            with contextlib.suppress(ProcessLookupError):  # another thread ends it
+                descriptor = os.pidfd_open(self._popen.pid)
+                connection.wait([descriptor], wait_s)
+                os.close(descriptor)
+                os.killpg(self._popen.pid, signal.SIGKILL)  # its compilers, too, also of a crash
+        code = self._popen.wait()
         if code >= 0:
             return f'its process ended with exit code {code}'
         hint = ' (out of memory?)' if -code == signal.SIGKILL else ''
@@ -348,7 +362,7 @@ def _do(command, check, task, limit_s):
 
 
 def _end_processes(command):
-    """End those that this program has started for a command; a cluster's end with the next one."""
+    """End those that this program has started for a command."""
     _left.add(command)
     leaving = _processes.pop(command, [])
     for process in leaving:

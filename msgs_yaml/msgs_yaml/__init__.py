@@ -8,8 +8,7 @@ Values and messages
     types          the values of every topic as named tuples
     decode         message -> value, checked
     encode         value -> message
-    flat_fields    values of fixed size as flat numbers
-    cdr_templates  values of fixed size -> serialised message, fast
+    flat_fields    values of fixed size: as flat numbers, and to and from serialised messages, fast
     raw_scenario   serialised path and road edges -> value, fast
     conversions    time stamps, headings, diagnostic values
 Files

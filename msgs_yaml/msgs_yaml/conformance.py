@@ -2,13 +2,12 @@
 
 check, check_form   one message of rclpy, rosbags or mcap_ros2, with the reason of every violation
 obeys               the numbers of many messages, or of many elements of one, as arrays
-number_check        the numbers of a message of fixed size, without the message
 
 What depends on the topic only is computed once, when its first message is checked.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from fnmatch import fnmatchcase
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
@@ -75,23 +74,6 @@ def obeys(topic: str, numbers: Mapping[str, np.ndarray]) -> np.ndarray:
     return valid
 
 
-def number_check(topic: str, paths: Sequence[str]) -> Callable[[Sequence[float]], bool]:
-    """Return a function that says whether numbers, one per path, are as `obeys` wants them.
-
-    Components of an orientation without a path are 0.
-    """
-    fields = contract.load().topics[topic].fields
-    ranges = [(fields[path].low, fields[path].high) for path in paths]
-    turn = [i for i, path in enumerate(paths) if f'{ORIENTATION}.' in path]
-
-    def obey(numbers):
-        if not all(low <= x <= high for x, (low, high) in zip(numbers, ranges)):
-            return False
-        return not turn or abs(sum(numbers[i] ** 2 for i in turn) - 1.0) <= UNIT_TOLERANCE
-
-    return obey
-
-
 @cache
 def _checks(name):
     return _Checks(name)
@@ -115,7 +97,13 @@ class _Checks:
         self._patterns = {}  # of the keys of diagnostics
         if topic.type == contract.DIAGNOSTICS:
             self._patterns = {field_paths.parse(path)[1].selector: path for path in topic.fields}
-        self._path_of_key = lru_cache(_CACHED_KEYS)(self._match_key)
+
+        @lru_cache(_CACHED_KEYS)
+        def path_of(key):
+            patterns = self._patterns.items()
+            return next((path for pattern, path in patterns if fnmatchcase(key, pattern)), None)
+
+        self._path_of_key = path_of
 
     def _getter(self, path):
         if not self._joints:
@@ -123,10 +111,6 @@ class _Checks:
         (step,) = field_paths.parse(path)
         index = self._joints.index(step.selector)
         return lambda message: (getattr(message, step.attribute)[index],)
-
-    def _match_key(self, key):
-        patterns = self._patterns.items()
-        return next((path for pattern, path in patterns if fnmatchcase(key, pattern)), None)
 
     def _violation(self, path, value, allowed):
         return Violation(self._topic.name, path, value, allowed)

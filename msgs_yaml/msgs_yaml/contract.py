@@ -205,21 +205,13 @@ class Contract:
         return self.topics[name] if name in self.topics else self.derived[name]
 
 
+@cache
 def load(path: Path | None = None) -> Contract:
-    """Read a contract, by default the one of this package (read once per process).
+    """Read a contract, by default the one of this package, once per process.
 
     Raises ContractError, text `<file>:<line>: <key>: <what is wrong>`.
     """
-    return _load(Path(path)) if path else _default()
-
-
-@cache
-def _default():
-    return _load(share.path('msgs_yaml', 'topics.yaml'))
-
-
-def _load(path):
-    file = parse_value(_File, read(path))
+    file = parse_value(_File, read(path or share.path('msgs_yaml', 'topics.yaml')))
 
     def topic(name, described):
         parts = vars(described) | {'name': name, 'profiles': described.qos}

@@ -32,7 +32,8 @@ class DecodeError(ValueError):
 def _flat(topic, msg):
     """Return the value of a topic of `flat_fields.TYPES`."""
     _check(topic, msg)
-    return flat_fields.load(topic).to_value(conversions.stamp_to_ns(msg.header.stamp), msg)
+    fields = flat_fields.load(topic)
+    return fields.to_value(conversions.stamp_to_ns(msg.header.stamp), fields.numbers_of(msg))
 
 
 # each takes a message and returns the value of `types` that is named alike
@@ -97,9 +98,11 @@ def obstacles(msg: Any) -> types.Obstacles:
     stamp_ns = stamps.most_common(1)[0][0] if stamps else 0
     used: dict[str, dict[int, Any]] = {ns: {} for ns in _OBJECTS}
     # marker by marker takes four times as long: only to find those that break the contract
-    check = _violations if _violations(added) else lambda markers: []
+    suspected = conformance.check(_OBSTACLES, SimpleNamespace(markers=added))
     for marker in added:
-        kind, reason = _fault(marker, used, stamp_ns, check([marker]))
+        alone = SimpleNamespace(markers=[marker])
+        violations = conformance.check(_OBSTACLES, alone) if suspected else []
+        kind, reason = _fault(marker, used, stamp_ns, violations)
         if kind:
             refused.append(types.Refusal(kind, f'{marker.ns} {marker.id}: {reason}'))
         else:
@@ -181,10 +184,6 @@ def _statuses(topic, msg):
         level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
         values = {pair.key: conversions.text_to_value(pair.value) for pair in status.values}
         yield stamp_ns, status.name, level, status.message, values
-
-
-def _violations(markers):
-    return conformance.check(_OBSTACLES, SimpleNamespace(markers=markers))
 
 
 def _fault(marker, used, stamp_ns, violations):

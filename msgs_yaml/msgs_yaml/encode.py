@@ -5,12 +5,12 @@ Every function but `transform` is the inverse of the one of the same name in `de
 
 import math
 from functools import partial
-from operator import attrgetter
 
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, PoseStamped, TransformStamped
 from nav_msgs.msg import Odometry, Path
+from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import ColorRGBA, Header
@@ -24,14 +24,19 @@ _OBSTACLE_HEIGHT_M = 1.0
 _ARROW_M = (0.15, 0.35)  # shaft and head diameter
 _WHITE = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
 _RED = ColorRGBA(r=0.85, g=0.15, b=0.1, a=0.9)
-_NO_ORIENTATION = -1.0  # sensor_msgs/Imu: first covariance of what is not measured
 
 
-def odometry(x: types.VehicleState) -> Odometry:
-    """Return /vehicle/odometry."""
-    msg = Odometry(header=_header('/vehicle/odometry', x.stamp_ns))
-    msg.child_frame_id = contract.load().topics['/vehicle/odometry'].child_frame
-    return _with_numbers(msg, '/vehicle/odometry', x)
+def _flat(topic, kind, x):
+    """Return the message of a value of `flat_fields.TYPES`."""
+    return deserialize_message(flat_fields.load(topic).fill(x), kind)
+
+
+# each takes the value of `types` that is named alike
+odometry = partial(_flat, '/vehicle/odometry', Odometry)
+imu = partial(_flat, '/vehicle/imu', Imu)
+actuators = partial(_flat, '/vehicle/actuators', JointState)
+wheels = partial(_flat, '/vehicle/wheels', JointState)
+command = partial(_flat, '/controller/command', JointState)
 
 
 def transform(x: types.VehicleState) -> TransformStamped:
@@ -41,34 +46,6 @@ def transform(x: types.VehicleState) -> TransformStamped:
     msg.transform.translation.x, msg.transform.translation.y = x.X, x.Y
     msg.transform.rotation.z, msg.transform.rotation.w = conversions.heading_to_quaternion(x.psi)
     return msg
-
-
-def imu(x: types.Imu) -> Imu:
-    """Return /vehicle/imu."""
-    msg = Imu(header=_header('/vehicle/imu', x.stamp_ns))
-    msg.orientation_covariance[0] = _NO_ORIENTATION
-    return _with_numbers(msg, '/vehicle/imu', x)
-
-
-def _joint_state(topic, x):
-    joints, fields = contract.load().topics[topic].joints, flat_fields.load(topic)
-    n = len(joints)
-    numbers = [0.0] * (3 * n)
-    for index, number in zip(fields.joint_indices, fields.to_numbers(x)):
-        numbers[index] = number
-    return JointState(
-        header=_header(topic, x.stamp_ns),
-        name=list(joints),
-        position=numbers[:n],
-        velocity=numbers[n : 2 * n],
-        effort=numbers[2 * n :],
-    )
-
-
-# each takes the value of `types` that is named alike
-actuators = partial(_joint_state, '/vehicle/actuators')
-wheels = partial(_joint_state, '/vehicle/wheels')
-command = partial(_joint_state, '/controller/command')
 
 
 def _path(topic, x):
@@ -142,15 +119,6 @@ def _time(stamp_ns):
 
 def _header(topic, stamp_ns):
     return Header(stamp=_time(stamp_ns), frame_id=contract.load().topics[topic].frame)
-
-
-def _with_numbers(msg, topic, x):
-    """Return a message with the numbers of a value of `flat_fields.TYPES`."""
-    fields = flat_fields.load(topic)
-    for path, number in zip(fields.paths, fields.to_numbers(x)):
-        parent, _, attribute = path.rpartition('.')
-        setattr(attrgetter(parent)(msg), attribute, number)
-    return msg
 
 
 def _marker(topic, stamp_ns, ns, number, kind, color):

@@ -32,33 +32,23 @@ def parse(path: str) -> list[Step]:
 
 def getter(path: str) -> Callable[[Any], list]:
     """Return a function that gives every value a path leads to in a message, in order."""
-    return _follow(parse(path))
+    pieces, names = [], []  # one attrgetter for the plain steps up to a selector: it is fast
+    for attribute, selector in parse(path):
+        names.append(attribute)
+        if selector:
+            pieces.append((attrgetter('.'.join(names)), selector))
+            names = []
+    last = attrgetter('.'.join(names)) if names else None
 
+    def get(message):
+        values = [message]
+        for arrays, selector in pieces:
+            values = [element for array in map(arrays, values) for element in array]
+            if selector != '*':
+                values = [value for value in values if fnmatchcase(_label(value), selector)]
+        return list(map(last, values)) if last else values
 
-def _follow(steps):
-    # one attrgetter for the plain steps up to the next selector: they cost the time
-    plain = 0
-    while plain < len(steps) and steps[plain].selector is None:
-        plain += 1
-    if plain == len(steps):
-        last = attrgetter('.'.join(step.attribute for step in steps))
-        return lambda msg: [last(msg)]
-    array = attrgetter('.'.join(step.attribute for step in steps[: plain + 1]))
-    choose = _chooser(steps[plain].selector)
-    rest = steps[plain + 1 :]
-    if not rest:
-        return lambda msg: choose(array(msg))
-    if all(step.selector is None for step in rest):
-        last = attrgetter('.'.join(step.attribute for step in rest))
-        return lambda msg: [last(element) for element in choose(array(msg))]
-    inner = _follow(rest)
-    return lambda msg: [value for element in choose(array(msg)) for value in inner(element)]
-
-
-def _chooser(pattern):
-    if pattern == '*':
-        return list
-    return lambda array: [e for e in array if fnmatchcase(_label(e), pattern)]
+    return get
 
 
 def _label(element):

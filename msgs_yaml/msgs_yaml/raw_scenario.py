@@ -15,17 +15,19 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_yaml import conformance, contract, conversions
-from msgs_yaml.cdr_templates import ENCAPSULATION
-from msgs_yaml.cdr_templates import STAMP as STAMP_STRUCT
 from msgs_yaml.conversions import NS_PER_S
+from msgs_yaml.flat_fields import ENCAPSULATION
+from msgs_yaml.flat_fields import STAMP as STAMP_STRUCT
 from msgs_yaml.types import Reference, RoadEdges
 
 REFERENCE = '/scenario/reference'
 ROAD_EDGES = '/scenario/road_edges'
 STAMP = [('sec', '<i4'), ('nanosec', '<u4')]
-FRAME = 'V8'  # length and characters of `map`, with the closing zero
-HEAD = np.dtype([('encapsulation', 'V4'), ('stamp', STAMP), ('frame', FRAME), ('poses', '<u4')])
-POSE = np.dtype([('stamp', STAMP), ('frame', FRAME), ('pose', 'V56')])
+FRAME = np.void(b'\x04\x00\x00\x00map\x00')  # length and characters, with the closing zero
+HEAD = np.dtype(
+    [('encapsulation', 'V4'), ('stamp', STAMP), ('frame', FRAME.dtype), ('poses', '<u4')]
+)
+POSE = np.dtype([('stamp', STAMP), ('frame', FRAME.dtype), ('pose', 'V56')])
 PADDING = slice(40, 44)  # only in the first pose: its doubles would not be aligned
 _LEAST_BYTES = HEAD.itemsize + PADDING.stop - PADDING.start
 _POSITION, _ORIENTATION = 'poses[*].pose.position', 'poses[*].pose.orientation'
@@ -46,13 +48,13 @@ def reference_size(poses: int) -> int:
 
 def read_reference(raw: bytes) -> Reference | None:
     """Return what `decode.reference` returns of the message, to the last bit; None as above."""
-    if not _count_poses(raw):
+    parts, topic = _head_and_poses(raw), contract.load().topics[REFERENCE]
+    if parts is None:
         return None
-    packed = bytearray(raw)
-    del packed[PADDING]  # so that all poses are alike
-    head = np.frombuffer(packed, HEAD, count=1)
-    poses = np.frombuffer(packed, POSE, offset=HEAD.itemsize)
-    if not _is_reference(head, poses):
+    _, head, poses = parts
+    allowed = topic.sizes['poses']
+    has_frames = head['frame'][0] == FRAME and bool((poses['frame'] == FRAME).all())
+    if not has_frames or not allowed.low <= len(poses) <= allowed.high:
         return None
     stamps = np.concatenate((head['stamp'], poses['stamp']))
     stamps_ns = _nanoseconds(stamps)
@@ -61,21 +63,16 @@ def read_reference(raw: bytes) -> Reference | None:
         durations_ns[:] = 0
     columns = np.ascontiguousarray(poses['pose']).view('<f8').reshape(-1, 7).T
     values = dict(zip(_POSE_PATHS, np.ascontiguousarray(columns)))
-    numbers = {path: values[path] for path in contract.load().topics[REFERENCE].fields}
     # nanoseconds may be more than a second: the sum can be positive where the seconds are not
-    if np.any(stamps['sec'] < 0) or stamps_ns[0] == 0:
+    if np.any(stamps['sec'] < 0) or stamps_ns[0] == 0 or np.abs(durations_ns).max() >= _EXACT_NS:
         return None
-    if np.abs(durations_ns).max() >= _EXACT_NS:
-        return None
-    if not conformance.obeys(REFERENCE, numbers).all():
+    if not conformance.obeys(REFERENCE, {path: values[path] for path in topic.fields}).all():
         return None
     t = durations_ns / NS_PER_S
     if np.any(np.diff(t) <= 0.0) and np.any(t):
         return None
-    headings = conversions.quaternions_to_headings(
-        values[f'{_ORIENTATION}.z'], values[f'{_ORIENTATION}.w']
-    )
-    psi = np.unwrap(headings)
+    quaternions = values[f'{_ORIENTATION}.z'], values[f'{_ORIENTATION}.w']
+    psi = np.unwrap(conversions.quaternions_to_headings(*quaternions))
     X, Y = values[f'{_POSITION}.x'], values[f'{_POSITION}.y']
     return Reference(int(stamps_ns[0]), X, Y, psi, t - t[0])
 
@@ -85,43 +82,35 @@ def restamp_reference(raw: bytes, stamp_ns: int) -> bytes:
 
     Poses stamped 0 stay so. Raises ValueError if the layout is another.
     """
-    poses = _count_poses(raw)
-    if not poses:
+    parts = _head_and_poses(raw)
+    if parts is None:
         raise ValueError(f'{len(raw)} bytes are no serialised {REFERENCE}')
-    shifted = bytearray(raw)
-    # the stamps of message and first pose, and those behind the padding, in their places
-    first = np.ndarray(2, STAMP, shifted, len(ENCAPSULATION), (HEAD.itemsize - len(ENCAPSULATION),))
-    others = np.ndarray(poses - 1, STAMP, shifted, reference_size(1), (POSE.itemsize,))
-    shift_ns = stamp_ns - int(_nanoseconds(first)[0])
-    for stamps in (first, others):
+    packed, head, poses = parts
+    shift_ns = stamp_ns - int(_nanoseconds(head['stamp'])[0])
+    for stamps in (head['stamp'], poses['stamp']):
         before_ns = _nanoseconds(stamps)
         after_ns = np.where(before_ns, before_ns + shift_ns, 0)
         stamps['sec'], stamps['nanosec'] = np.divmod(after_ns, NS_PER_S)
-    return bytes(shifted)
+    return bytes(packed[: PADDING.start]) + raw[PADDING] + bytes(packed[PADDING.start :])
 
 
-def _count_poses(raw):
-    """Return the number of poses of a path, 0 if its layout is another."""
-    poses, rest = divmod(len(raw) - _LEAST_BYTES, POSE.itemsize)
-    if poses <= 0 or rest or raw[: len(ENCAPSULATION)] != ENCAPSULATION:
-        return 0
-    return poses if np.frombuffer(raw, HEAD, count=1)['poses'][0] == poses else 0
+def _head_and_poses(raw):
+    """Return a copy of a path without its padding, and its head (1,) and poses (n,) in it.
+
+    So all poses are alike. None if the layout is another.
+    """
+    number, rest = divmod(len(raw) - _LEAST_BYTES, POSE.itemsize)
+    if number <= 0 or rest or raw[: len(ENCAPSULATION)] != ENCAPSULATION:
+        return None
+    packed = bytearray(raw)
+    del packed[PADDING]
+    head = np.frombuffer(packed, HEAD, count=1)
+    poses = np.frombuffer(packed, POSE, offset=HEAD.itemsize)
+    return (packed, head, poses) if head['poses'][0] == number else None
 
 
 def _nanoseconds(stamps):
     return stamps['sec'].astype(np.int64) * NS_PER_S + stamps['nanosec']
-
-
-def _is_reference(head, poses):
-    topic = contract.load().topics[REFERENCE]
-    frame = np.void((len(topic.frame) + 1).to_bytes(4, 'little') + topic.frame.encode() + b'\x00')
-    allowed = topic.sizes['poses']
-    return (
-        frame.dtype == np.dtype(FRAME)
-        and allowed.low <= head['poses'][0] <= allowed.high
-        and head['frame'][0] == frame
-        and bool((poses['frame'] == frame).all())
-    )
 
 
 class _Line(NamedTuple):
@@ -139,15 +128,24 @@ class _Line(NamedTuple):
 
 def read_road_edges(raw: bytes) -> RoadEdges | None:
     """Return what `decode.road_edges` returns of the message, to the last bit; None as above."""
-    lines = _lines(raw)
-    if lines is None or not _is_road_edges(lines):
+    lines, topic = _lines(raw), contract.load().topics[ROAD_EDGES]
+    if lines is None or {line.ns for line in lines} != set(SIDES):
         return None
+    allowed, first_ns = topic.sizes['markers[*].points'], lines[0].stamp_ns
+    for line in lines:
+        # nanoseconds may be more than a second
+        if line.sec < 0 or not line.stamp_ns == first_ns > 0 or line.frame != topic.frame:
+            return None
+        if (line.type, line.action) != (_LINE_STRIP, _ADD):
+            return None
+        if not allowed.low <= len(line.points) <= allowed.high:
+            return None
     sides = {line.ns: np.ascontiguousarray(line.points[:, :2]) for line in lines}
     for side, points in sides.items():
         numbers = {f'markers[{side}].points[*].{a}': x for a, x in zip('xy', points.T)}
         if not conformance.obeys(ROAD_EDGES, numbers).all():
             return None
-    return RoadEdges(lines[0].stamp_ns, sides['left'], sides['right'])
+    return RoadEdges(first_ns, sides['left'], sides['right'])
 
 
 def restamp_road_edges(raw: bytes, stamp_ns: int) -> bytes:
@@ -206,7 +204,9 @@ def _read_line(reader):
     reader.skip(_POSE_AND_SCALE, 8)
     reader.skip(_COLOR_AND_LIFETIME, 4)
     reader.boolean()  # frame_locked
-    points = reader.floats(3 * reader.count()).reshape(-1, 3)
+    count = reader.count()
+    begin = reader.skip(24 * count, 8)
+    points = np.frombuffer(reader.raw, '<f8', 3 * count, begin).reshape(-1, 3)
     reader.skip(_COLOR * reader.count(), 4)
     reader.text()  # texture_resource
     reader.skip(STAMP_STRUCT.size, 4)  # texture
@@ -223,27 +223,13 @@ def _read_line(reader):
     return _Line(stamp_offset, sec, stamp_ns, frame, ns, kind, action, points)
 
 
-def _is_road_edges(lines):
-    topic = contract.load().topics[ROAD_EDGES]
-    allowed = topic.sizes['markers[*].points']
-    first_ns = lines[0].stamp_ns
-    return sorted(line.ns for line in lines) == sorted(SIDES) and all(
-        line.stamp_ns == first_ns > 0
-        and line.sec >= 0  # nanoseconds may be more than a second
-        and line.frame == topic.frame
-        and (line.type, line.action) == (_LINE_STRIP, _ADD)
-        and allowed.low <= len(line.points) <= allowed.high
-        for line in lines
-    )
-
-
 class _Reader:
     """Reads a serialised message from its start; raises ValueError for other bytes."""
 
     def __init__(self, raw):
         if raw[: len(ENCAPSULATION)] != ENCAPSULATION:
             raise ValueError('the message is not little-endian CDR')
-        self._raw = raw
+        self.raw = raw
         self._offset = len(ENCAPSULATION)
 
     def align(self, size):
@@ -254,13 +240,13 @@ class _Reader:
     def skip(self, size, alignment=1):
         """Advance by so many bytes, aligned unless 0; return the offset of the first."""
         begin = self.align(alignment) if size else self._offset
-        if begin + size > len(self._raw):
-            raise ValueError(f'the message ends at byte {len(self._raw)}')
+        if begin + size > len(self.raw):
+            raise ValueError(f'the message ends at byte {len(self.raw)}')
         self._offset = begin + size
         return begin
 
     def unpack(self, form, alignment):
-        return form.unpack_from(self._raw, self.skip(form.size, alignment))
+        return form.unpack_from(self.raw, self.skip(form.size, alignment))
 
     def count(self):
         """Return the length of a sequence."""
@@ -270,18 +256,13 @@ class _Reader:
         """Return a string; raise ValueError if it has no closing zero or is no UTF-8."""
         size = self.count()
         begin = self.skip(size)
-        encoded = bytes(self._raw[begin : begin + size])
+        encoded = bytes(self.raw[begin : begin + size])
         if encoded[-1:] not in (b'', b'\x00'):
             raise ValueError(f'the string at byte {begin} has no closing zero')
         return encoded[:-1].decode()
 
     def boolean(self):
-        value = self._raw[self.skip(1)]
+        """Advance by a truth; raise ValueError for another number."""
+        value = self.raw[self.skip(1)]
         if value > 1:
             raise ValueError(f'{value} is no boolean')
-        return bool(value)
-
-    def floats(self, number):
-        """Return a view of so many float64."""
-        begin = self.skip(8 * number, 8)
-        return np.frombuffer(self._raw, '<f8', count=number, offset=begin)

@@ -29,7 +29,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from msgs_yaml import cdr_templates, contract
+from msgs_yaml import contract, flat_fields
 from msgs_yaml.contract import Qos, Topic
 from msgs_yaml.decode import DecodeError
 from node_runtime import node_parameters
@@ -210,17 +210,17 @@ class BlockingPublisher:
 
 
 class TemplatePublisher:
-    """Publishes values of `types` by patching a serialised template; see `cdr_templates`."""
+    """Publishes values of `types` without building their message; see `flat_fields`."""
 
     def __init__(self, node: Node, topic: str):
-        """Raise KeyError for a topic without a template."""
+        """Raise KeyError for a topic whose values have no fixed size."""
         self.publisher = publisher(node, topic)
         self._sender = BlockingPublisher(node, self.publisher)
-        self._template = cdr_templates.Template(topic)
+        self._fields = flat_fields.load(topic)
 
     def publish(self, value: Any) -> None:
         """Publish a value as `BlockingPublisher` does; the bytes are those of its message."""
-        self._sender.send(self._template.fill(value))
+        self._sender.send(self._fields.fill(value))
 
 
 def qos_profile(node: Node, topic: str) -> QoSProfile:

@@ -90,7 +90,9 @@ def spin(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> in
 def shut_down(*nodes: Node, context: Context | None = None) -> None:
     """Destroy nodes and shut down their context; from now on incoming packets are dropped."""
     _drop_incoming()
-    _destroy(nodes, context)
+    for node in nodes:
+        node.destroy_node()
+    rclpy.try_shutdown(context=context)
 
 
 def _spin(make_node, args):
@@ -107,7 +109,7 @@ def _spin(make_node, args):
         _apply_scheduling(node)
         _spin_until_finished(node)
     except BaseException as caught:
-        _ignore_signals()
+        shutdown.call_on_signal(lambda: None)  # none interrupts the closing
         error = caught  # it refers to a half-built node, whose destruction needs a time limit, too
         if isinstance(error, REFUSALS):
             rclpy.logging.get_logger('start').fatal(str(error))
@@ -115,7 +117,7 @@ def _spin(make_node, args):
         elif not isinstance(error, (KeyboardInterrupt, ExternalShutdownException)):
             traceback.print_exception(error)
             code = _EXIT_ERROR
-    _ignore_signals()
+    shutdown.call_on_signal(lambda: None)
     failed = 0
     try:
         if hasattr(node, 'close'):
@@ -123,7 +125,7 @@ def _spin(make_node, args):
     except Exception:
         traceback.print_exc()
         failed = _EXIT_ERROR
-    code = failed or code or _exit_code(node)
+    code = failed or code or getattr(node, 'exit_code', 0)
     with shutdown.exit_after(_SHUTDOWN_S, code):
         _drop_incoming()
         while error is not None:  # free the objects that it and its causes refer to
@@ -131,29 +133,14 @@ def _spin(make_node, args):
             error.__traceback__ = None
             error = error.__cause__ or error.__context__
         gc.collect()
-        _destroy([node] if node else [], None)
+        shut_down(*([node] if node else []))
     return code
-
-
-def _ignore_signals():
-    """Let no signal interrupt the closing."""
-    shutdown.call_on_signal(lambda: None)
 
 
 def _drop_incoming():
     # other middlewares may wake their own threads with a packet
     if get_rmw_implementation_identifier().startswith(transport.FAST_DDS):
         shutdown.drop_incoming()
-
-
-def _destroy(nodes, context):
-    for node in nodes:
-        node.destroy_node()
-    rclpy.try_shutdown(context=context)
-
-
-def _exit_code(node):
-    return getattr(node, 'exit_code', 0)
 
 
 def _apply_scheduling(node):
@@ -172,7 +159,9 @@ def _spin_until_finished(node):
     executor.add_node(node)
     node.spinning = Future(executor=executor)
     # in a thread: the signal may come while this one holds the lock of the future
-    shutdown.call_on_signal(lambda: Thread(target=finish, args=(node, _exit_code(node))).start())
+    shutdown.call_on_signal(
+        lambda: Thread(target=finish, args=(node, getattr(node, 'exit_code', 0))).start()
+    )
     while rclpy.ok() and not getattr(node, 'finished', False):
         executor.spin_until_future_complete(node.spinning, timeout_sec=_WAKE_S)
     end = time.monotonic() + _FLUSH_S

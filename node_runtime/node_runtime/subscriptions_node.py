@@ -7,14 +7,12 @@ PublisherMonitor                                  warns of a second publisher of
 """
 
 from collections.abc import Mapping
-from functools import cache
 
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy
 from rclpy.subscription import Subscription
 
-from msgs_yaml import contract, decode, raw_scenario
-from msgs_yaml.cdr_templates import Template
+from msgs_yaml import contract, decode, flat_fields, raw_scenario
 from msgs_yaml.raw_scenario import REFERENCE, ROAD_EDGES
 from msgs_yaml.types import Actuators, Health, Obstacles, Reference, RoadEdges, VehicleState
 from node_runtime import ros
@@ -71,17 +69,14 @@ def read_obstacles(raw: bytes) -> Obstacles:
 
 def read_odometry(raw: bytes) -> VehicleState:
     """Return the state of a serialised /vehicle/odometry. Raises DecodeError."""
-    state = _template(ODOMETRY).read(raw)
+    state = flat_fields.load(ODOMETRY).read(raw)
     return decode.odometry(ros.deserialize(ODOMETRY, raw)) if state is None else state
 
 
 def read_actuators(raw: bytes) -> Actuators:
     """Return the value of a serialised /vehicle/actuators. Raises DecodeError."""
-    actuators = _template(ACTUATORS).read(raw)
+    actuators = flat_fields.load(ACTUATORS).read(raw)
     return decode.actuators(ros.deserialize(ACTUATORS, raw)) if actuators is None else actuators
-
-
-_template = cache(Template)
 
 
 def _decode(topic, raw, decoder):

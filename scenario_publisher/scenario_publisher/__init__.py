@@ -4,7 +4,6 @@ Use:
     scenario          load a scenario by name or file; obstacles at an instant
     timeline          messages of a scenario under a stamp, and their rates
     scenario_node     the ROS node
-    families          random emergencies as scenario files
 From file to scenario:
     schema            every key of the file with its range and unit
     lines             straights, arcs, clothoids, lane changes, splines; sampled lines

@@ -39,7 +39,8 @@ def compile_library(c_source: str, name: str, flags: tuple[str, ...]) -> Path:
     when the compiler fails, is missing, or may not write into the folder of the cache.
     """
     compiler, folder = find_compiler(), cache_dir()
-    code = f'{name}-{_code(c_source, flags)}'
+    native = [_cpu()] if '-march=native' in flags else []
+    code = f'{name}-{_digest(chr(0).join([c_source, *flags, *native]))[:32]}'
     if compiler is None:
         return _built_ahead(folder, code, name)
     library = folder / f'{code}-{_digest(_version(compiler))[:8]}.so'
@@ -95,20 +96,9 @@ def _built_ahead(folder, code, name):
 def _is_whole(library):
     """Return whether a library is there, and as it was when it was compiled."""
     try:
-        return _checksum_file(library).read_text() == _digest(library.read_bytes())
+        return library.with_suffix('.sha256').read_text() == _digest(library.read_bytes())
     except OSError:
         return False
-
-
-def _checksum_file(library):
-    return library.with_suffix('.sha256')
-
-
-def _code(c_source, flags):
-    parts = [c_source, *flags]
-    if '-march=native' in flags:
-        parts.append(_cpu())
-    return _digest('\0'.join(parts))[:32]
 
 
 def _digest(content):
@@ -145,5 +135,5 @@ def _compile(c_source, library, compiler, flags):
         checksum = Path(folder, 'checksum')
         checksum.write_text(_digest(built.read_bytes()))
         # renames are atomic, and who sees one without the other waits for the lock
-        os.replace(checksum, _checksum_file(library))
+        os.replace(checksum, library.with_suffix('.sha256'))
         os.replace(built, library)

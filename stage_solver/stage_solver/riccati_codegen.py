@@ -81,7 +81,18 @@ def source(problem: StageProblem) -> str:
     """
     models = {'stage': make_stage(problem), 'last': make_last_stage(problem)}
     strides = {'stage': 'LANES', 'last': 'W'}
-    sizes, functions = _sizes(problem), []
+    functions, sizes = (
+        [],
+        {
+            'N': problem.horizon,
+            'NX': problem.nx,
+            'NU': problem.nu,
+            'NP': problem.np,
+            'NG': max(problem.ng, problem.nh),
+            'STAGE_NG': problem.ng,
+            'LAST_NG': problem.nh,
+        },
+    )
     for name, model in models.items():
         emitter = vector_codegen.Emitter(
             ExpressionGraph(list(model), ONCE_INPUTS), name, strides[name]
@@ -89,7 +100,10 @@ def source(problem: StageProblem) -> str:
         functions.append(emitter.source())
         sizes[f'{name.upper()}_ONCE'] = len(emitter.once_rows)
     defines = '\n'.join(f'#define {name} {size}' for name, size in sizes.items())
-    tables = [_scale('SCALE_X', problem.scale_x), _scale('SCALE_U', problem.scale_u)]
+    tables = [
+        f'static const double SCALE_{name}[] = {{{", ".join(repr(float(s)) for s in scale)}}};'
+        for name, scale in (('X', problem.scale_x), ('U', problem.scale_u))
+    ]
     for kind, names in (('stage', ('H', 'JF', 'Jg')), ('last', ('H', 'Jg'))):
         for name in names:
             sparsity = models[kind].quadratic.sparsity_out(name)
@@ -126,22 +140,6 @@ def _model(name, w, p, F, cost, g):
         ),
         slope=function('slope', ['w', 'p', 'lam', 'y'], {'slope': ca.densify(slope)}),
     )
-
-
-def _sizes(problem):
-    return {
-        'N': problem.horizon,
-        'NX': problem.nx,
-        'NU': problem.nu,
-        'NP': problem.np,
-        'NG': max(problem.ng, problem.nh),
-        'STAGE_NG': problem.ng,
-        'LAST_NG': problem.nh,
-    }
-
-
-def _scale(name, values):
-    return f'static const double {name}[] = {{{", ".join(map(repr, map(float, values)))}}};'
 
 
 def _pattern(name, sparsity):

@@ -49,8 +49,7 @@ ARRAYS = (
 )  # fmt: skip
 DOUBLES = ('tolerance', 'time_limit', 'warm_mu', 'step_residual', 'step_decrease')
 DOUBLES += ('cost', 'primal_residual', 'dual_residual')
-INTEGERS = ('warm', 'max_iterations', 'status', 'iterations', 'trials', 'factorisations')
-INTEGERS += ('stage', 'part')
+INTEGERS = ('warm', 'max_iterations', 'status', 'iterations', 'stage', 'part')
 ALIGNMENT = 64  # bytes of the widest vector
 
 

@@ -15,8 +15,8 @@ from pyarrow import parquet
 from scipy import stats
 
 from experiments import cli
+from experiments.families import draw
 from experiments.row_runner import TABLE
-from scenario_publisher.families import draw
 
 sys.path.insert(0, str(Path(__file__).parents[1] / 'helpers'))
 import commit_seed

@@ -9,10 +9,10 @@ import yaml
 from bags.evaluation import metrics
 from bags.evaluation.drive import drive_from_columns
 from experiments import simulation
+from experiments.families import scenario_document
+from experiments.families.scenario_document import CAR_DISCS, CAR_RADIUS, LANE
 from mpcc_controller.path import reference_path
 from scenario_publisher import scenario
-from scenario_publisher.families import scenario_document
-from scenario_publisher.families.scenario_document import CAR_DISCS, CAR_RADIUS, LANE
 
 ACROSS = 3.0  # m/s^2, lateral acceleration of both cars
 RADII = (40, 60, 80, 120, 200, 300)  # m

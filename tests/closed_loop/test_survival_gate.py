@@ -9,7 +9,7 @@ import pytest
 
 from experiments import drive_row
 from experiments.drive_row import Row
-from scenario_publisher.families import draw
+from experiments.families import draw
 
 CONTROLLER = 'mpcc_road'
 SEED, DRAWS, MOST_LOST = 4000, 10, 1

@@ -1,4 +1,4 @@
-"""Every command, file and snippet of the quickstart, the tutorials and the how-to pages works.
+"""Every command, file and snippet of README, the tutorials and the guides works.
 
 A page runs from its text, in order, in a folder that looks like a clone to the reader
 (`tutorial_page`).
@@ -15,30 +15,36 @@ import pytest
 import tutorial_page
 from installation import PACKAGES, ROOT
 from recorded_runs import DEMO, PRINTED, RUNS, run_arguments
+from tyre_files import property_file
 
 from msgs_yaml import share
 
 DOCS = ROOT / 'docs'
 # pages whose commands something else runs
 ELSEWHERE = {
-    'commands.md': 'tests/docs/test_readme_commands.py',
     'index.md': 'a table of contents',
     'managed_nodes.md': 'tests/ros/test_life_cycle.py',
     'packages.md': '`make wheels_test`',
-    'python.md': 'tests/docs/test_python_examples.py',
-    'ubuntu.md': 'tests/docs/test_readme_commands.py',
+    'ubuntu.md': 'tests/packaging/test_installed.py builds with colcon',
 }
 PAGES = [
-    DOCS / 'quickstart.md',
+    *(ROOT / 'README.md', DOCS / 'quickstart.md', DOCS / 'extending.md'),
     *(p for p in sorted(DOCS.glob('tutorials/*.md')) if p.name not in ELSEWHERE),
     *(p for p in sorted(DOCS.glob('howto/*.md')) if p.name not in ELSEWHERE),
 ]
 # In the first lines of a page: `clone` has copies of the packages, which the page changes; `nodes`
-# starts nodes of ROS; `driven` has the runs of `make demo`; `demo` calls it; `quick` runs in `make
-# test`; `launch` has `ros2 launch experiments FILE` and a ROS domain for the whole page.
+# starts nodes of ROS; `driven` has the runs of `make demo`, `circle` the circle; `demo` calls it;
+# `quick` runs in `make test`; `launch` has `ros2 launch experiments FILE` and a ROS domain for the
+# whole page. `make check` runs a page that changed, or a command, module or file that it names; it
+# always runs those with `quick`.
 ABOUT = re.compile(r'<!-- page: (.+?) -->')
+COMMAND = re.compile(r'\b(bags|experiments) ([a-z]+(?:-[a-z]+)?)\b')
+MODULE = re.compile(r'^(?:from|import) ([\w.]+)', re.MULTILINE)
+THIS = 'tests/docs/test_pages.py'
+SHIPPED = ('bags/reference', 'experiments/config', 'paper/picture', 'paper/settings')
 # why a block is not run, and in how many blocks
 ONLY_THE_READER = {
+    'another page drives on the wall clock': 1,
     'sets up the clone, as the tests do before they begin': 1,
     'needs an installation of ROS 2': 2,
     'changes the system of the reader': 1,
@@ -51,44 +57,57 @@ exec {python} {runner} $file "$@"
 """
 # what pip does after a change, PYTHONPATH does here; a run takes a free domain, as in the terminal
 # of a reader, where that of the other terminals is not set; what `make demo` drives and prints, the
-# command in its recipe has driven and printed for all tests
+# command in its recipe has driven and printed for all tests; what takes long is done for less
 RECIPE = ' '.join(('.venv/bin/experiments', *run_arguments(*DEMO)))
 PRELUDE = f"""
 experiments() {{
+    case "$1" in
+    tune) set -- "$@" --trials 1 1 --jobs 1;;
+    library) set -- "$@" --draws 1 --jobs 1;;
+    esac
     env -u ROS_DOMAIN_ID experiments "$@"
 }}
+bags() {{
+    test "$1" != play || set -- "$@" --rate 20
+    command bags "$@"
+}}
 make() {{
-    case "$*" in
-    setup)
-        grep -q '^setup:' Makefile;;
-    demo)
-        command make -n demo | grep -xF '{RECIPE}' > /dev/null
-        cp -r "$DRIVEN/{RUNS}" {RUNS}
-        cat "$DRIVEN/{PRINTED}";;
-    *)
-        command make "$@";;
-    esac
+    command make --dry-run "$@" > dry-run.txt
+    test "$*" = demo || return 0
+    grep -xF '{RECIPE}' dry-run.txt > /dev/null
+    mkdir -p {RUNS}
+    cp -r "$DRIVEN/{RUNS}" bags
+    cat "$DRIVEN/{PRINTED}"
 }}
 """
 
 
-def about(page: Path) -> set[str]:
-    found = ABOUT.search(page.read_text())
-    return set(found[1].split()) if found else set()
+def about(page):
+    words = ABOUT.search(page.read_text())
+    return set(words[1].split()) if words else set()
 
 
-def marks(page):
-    words = about(page)
-    if 'nodes' in words:
-        yield pytest.mark.ros
-    elif 'quick' not in words:
-        yield pytest.mark.slow
+def names_of(page):
+    """Return patterns of the files that a page names, and of itself."""
+    text = page.read_text()
+    names = {page.relative_to(ROOT).as_posix(), THIS, 'tests/helpers/tutorial_page.py'}
+    if 'demo' in about(page):
+        names.add('Makefile')
+    for program, command in COMMAND.findall(text):
+        names |= {f'{program}/{program}/commands/{command.replace("-", "_")}.py'}
+    for module in MODULE.findall(text):
+        path = module.replace('.', '/')
+        names |= {f'*/{path}.py', f'*/{path}/__init__.py'}
+    return names | {f'{name}/*' for name in (*SHIPPED, 'docs/examples') if name in text}
 
 
 def parameters():
     for page in PAGES:
-        name = page.relative_to(DOCS).with_suffix('').as_posix()
-        yield pytest.param(page, id=name, marks=list(marks(page)))
+        words, marks = about(page), []
+        if 'quick' not in words:
+            marks = [pytest.mark.ros if 'nodes' in words else pytest.mark.slow]
+            marks += [pytest.mark.reads(*names_of(page))]
+        yield pytest.param(page, id=page.relative_to(ROOT).as_posix(), marks=marks)
 
 
 @pytest.fixture
@@ -97,9 +116,17 @@ def home(tmp_path):
     for name in ('Makefile', '.ci', *(file.name for file in ROOT.glob('requirements*.txt'))):
         (tmp_path / name).symlink_to(ROOT / name)
     (tmp_path / '.venv').symlink_to(sys.prefix)
-    for name in ('bags/reference', 'experiments/config', 'paper/picture', 'docs/examples'):
-        (tmp_path / name).parent.mkdir()
+    (tmp_path / 'tmp').mkdir()
+    for name in (*SHIPPED, 'docs/examples', 'docs/requirements.txt'):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).symlink_to(ROOT / name)
+    own = {
+        'my_scenario.yaml': share.path('scenario_publisher', 'scenarios', 'straight.yaml'),
+        'my_mpcc.yaml': share.path('mpcc_controller', 'config', 'mpcc.yaml'),
+    }
+    for name, example in own.items():
+        shutil.copy(example, tmp_path / name)
+    (tmp_path / 'my_tyre.tir').write_text(property_file('tyre_205_60r15.yaml'))
     return tmp_path
 
 
@@ -125,7 +152,17 @@ def give_launch(folder):
     return ros2.parent
 
 
-@pytest.mark.timeout(900, func_only=True)
+def read(text, folder, environment):
+    """Do in a folder what a page says."""
+    with tutorial_page.Session(folder, environment, PRELUDE) as reader:
+        for block in tutorial_page.find_blocks(text):
+            try:
+                reader.do(block)
+            except AssertionError as error:
+                raise AssertionError(f'line {block.line}: {error}') from None
+
+
+@pytest.mark.timeout(1800, func_only=True)
 @pytest.mark.parametrize('page', parameters())
 def test_a_page_does_what_it_says(page, home, request):
     words = about(page)
@@ -136,20 +173,42 @@ def test_a_page_does_what_it_says(page, home, request):
     if 'launch' in words:
         environment['PATH'] = f'{give_launch(home)}{os.pathsep}{paths}'
         environment['ROS_DOMAIN_ID'] = str(request.getfixturevalue('domain'))
-    if words & {'demo', 'driven'}:
-        runs = request.getfixturevalue('recorded_runs')
-        environment['DRIVEN'] = str(runs.folder)
-    if 'driven' in words:
-        shutil.copytree(runs.out / runs.scenario, home / 'bags/runs' / runs.scenario)
-    with tutorial_page.Session(home, environment, PRELUDE) as reader:
-        for block in tutorial_page.find_blocks(page.read_text()):
-            try:
-                reader.do(block)
-            except AssertionError as error:
-                raise AssertionError(f'{page.name}:{block.line}: {error}') from None
+    for word, fixture in (('driven', 'recorded_runs'), ('circle', 'recorded_circle')):
+        if word in words:
+            runs = request.getfixturevalue(fixture)
+            shutil.copytree(runs.out / runs.scenario, home / RUNS / runs.scenario)
+    if 'demo' in words:
+        environment['DRIVEN'] = str(request.getfixturevalue('recorded_runs').folder)
+    read(page.read_text().replace('/tmp/', f'{home}/tmp/'), home, environment)
 
 
 def test_blocks_that_only_the_reader_can_run_are_counted():
     blocks = [b for page in PAGES for b in tutorial_page.find_blocks(page.read_text())]
     assert Counter(b.value for b in blocks if b.kind == 'not run') == ONLY_THE_READER
-    assert sum(b.kind in ('run', 'run as', 'terminal') for b in blocks) > 40
+    assert sum(b.kind in ('run', 'program', 'run as', 'terminal') for b in blocks) > 60
+
+
+FAILS_AT_THE_END = 'sh -c "trap \'exit 3\' INT; echo up; while :; do sleep 0.1; done"'
+
+
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        ('~~~yaml\na: 1\n~~~\n', 'line 1: no kind of block: yaml'),
+        ('<!-- fiel: a -->\n~~~sh\nls\n~~~\n', 'line 2: no kind of block: fiel: a'),
+        ('~~~text\na\n~~~\n', 'line 1: output, but no command above it'),
+        ('~~~sh\nfalse | cat\n~~~\n', 'exit code 1 of'),
+        ('~~~sh\nfalse\ntrue\n~~~\n', 'exit code 1 of'),
+        ('<!-- exit code: 1 -->\n~~~sh\ntrue\n~~~\n', 'exit code 0 of'),
+        ('<!-- on the wall clock -->\n~~~sh\nexit 2\n~~~\n', 'exit code 2 of'),
+        (f'<!-- terminal -->\n~~~sh\n{FAILS_AT_THE_END}\n~~~\n~~~text\nup\n~~~\n', 'exit code 3'),
+        ('~~~sh\ncd /\nX=a\n~~~\n~~~sh\necho $X $PWD\n~~~\n~~~text\nb ...\n~~~\n', 'no line .b'),
+        ('~~~python\nx = 0\n~~~\n~~~python\n1 / x\n~~~\n', 'ZeroDivisionError'),
+        ('<!-- program -->\n~~~python\nassert 0\n~~~\n', 'exit code 1 of'),
+        ('<!-- in a.py, after: x -->\n~~~python\ny\n~~~\n', "a.py has no line with 'x'"),
+    ],
+)
+def test_a_page_that_does_not_work_fails(text, reason, tmp_path):
+    (tmp_path / 'a.py').touch()
+    with pytest.raises((AssertionError, ValueError), match=reason):
+        read(text.replace('~~~', '```'), tmp_path, dict(os.environ))

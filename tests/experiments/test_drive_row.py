@@ -6,9 +6,9 @@ from bags.errors import BagError
 from experiments import drive_row, simulation
 from experiments.configuration import node_config
 from experiments.drive_row import NOMINAL, Offset, Row
+from experiments.families import draw as families
 from msgs_yaml import share
 from scenario_publisher import scenario
-from scenario_publisher.families import draw as families
 
 ROAD, POP_UP = Row('straight', 'mpcc'), Row('pop_up:0', 'mpcc', seed=1)
 LOW = (('plant.friction', 0.9),)

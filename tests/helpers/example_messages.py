@@ -1,12 +1,23 @@
-"""The valid messages of msgs_yaml/examples, and messages of values."""
+"""The valid messages of msgs_yaml/examples, messages of values, values of messages and of bytes."""
 
+import struct
+from functools import cache
 from importlib import import_module
 from typing import Any
 
 import yaml
+from rclpy.serialization import serialize_message
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
 
-from msgs_yaml import encode, share
+from msgs_yaml import contract, decode, encode, flat_fields, raw_scenario, share
 from node_runtime import ros
+
+# readers of bytes without a message object, by topic; they return None for what they refuse
+FAST = {topic: flat_fields.load(topic).read for topic in flat_fields.TYPES} | {
+    raw_scenario.REFERENCE: raw_scenario.read_reference,
+    raw_scenario.ROAD_EDGES: raw_scenario.read_road_edges,
+}
 
 
 def load_example(topic: str) -> Any:
@@ -38,5 +49,31 @@ def fill(message: Any, values: dict) -> Any:
 
 def encoded(topic: str, value: Any) -> Any:
     """Return the message of a value of a topic of the contract."""
-    name = 'health' if topic == '/diagnostics' else topic.rpartition('/')[2]
-    return getattr(encode, name)(value)
+    return getattr(encode, _function(topic))(value)
+
+
+def decoded(topic: str, message: Any) -> Any:
+    """Return the value of a message of a topic of the contract. Raises DecodeError."""
+    return getattr(decode, _function(topic))(message)
+
+
+def _function(topic):
+    return 'health' if topic == '/diagnostics' else topic.rpartition('/')[2]
+
+
+@cache
+def ros_types() -> Any:
+    """Return what rosbags knows of the messages of ROS 2 Jazzy."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def canonical(topic: str, message: Any) -> bytes:
+    """Return a serialised message with 0 in its padding, where rclpy leaves what was in memory."""
+    store, kind = ros_types(), contract.load().topics[topic].type
+    raw = serialize_message(message)
+    for length in range(len(raw), len(raw) - 8, -1):  # it may leave junk behind the message, too
+        try:
+            return bytes(store.serialize_cdr(store.deserialize_cdr(raw[:length], kind), kind))
+        except (SerdeError, struct.error, IndexError, ValueError):
+            continue
+    raise AssertionError(f'rosbags reads no {kind} in {raw!r}')

@@ -4,12 +4,14 @@ A comment directly above a fenced block says what it is:
 
     <!-- file: NAME -->            the text of the file NAME
     <!-- append: NAME -->          lines at the end of the file NAME
-    <!-- in FILE, after: TEXT -->  lines for FILE; also `before` and `replace`, see `recipe_steps`
+    <!-- in FILE, after: TEXT -->  lines for FILE behind its first line with TEXT; also `before`,
+                                   and `replace` for text in the place of TEXT
+    <!-- program -->               Python in a process of its own
     <!-- run as: COMMAND -->       a command that runs in its place, for the same at less cost
     <!-- exit code: N -->          the commands end with N, not 0
     <!-- on the wall clock -->     the commands may end with 1: a busy machine is late
-    <!-- terminal -->              runs beside what follows, until the end of the page; from the
-                                   first one on all run in a ROS domain of their own
+    <!-- terminal -->              each line runs beside what follows, until the end of the page;
+                                   from the first one on all run in a ROS domain of their own
     <!-- not run: REASON -->       only the reader can run it; the tests count these blocks
     <!-- drawing -->               neither a command nor a file
 
@@ -29,7 +31,6 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
-import recipe_steps
 from wait_until import wait_until
 
 from experiments.run import domain
@@ -40,12 +41,12 @@ BLOCK = re.compile(
     re.MULTILINE | re.DOTALL,
 )
 KIND = re.compile(
-    r'(file|append|run as|exit code|not run): (.+)|(in) (.+)'
-    r'|(terminal|on the wall clock|drawing)'
+    r'(file|append|run as|exit code|not run): (.+)|(in) (\S+, (?:before|after|replace): .+)'
+    r'|(program|terminal|on the wall clock|drawing)'
 )
-RUN = {'sh', 'python'}
-PRINTING = {'run', 'run as', 'exit code', 'on the wall clock', 'terminal', 'not run', 'output'}
-SHELL_S = 600.0  # of wall time for one block
+OF_LANGUAGE = {'sh': 'run', 'python': 'run', 'text': 'output'}
+SILENT = {'file', 'append', 'in', 'drawing'}  # no output follows them
+SHELL_S = 1200.0  # of wall time for one block
 # reads a length and as many bytes of source, runs it among the names of the blocks before
 PYTHON_LOOP = """
 import sys, traceback
@@ -53,7 +54,7 @@ names = {'__name__': '__main__'}
 while size := sys.stdin.buffer.readline():
     failed = 0
     try:
-        exec(compile(sys.stdin.buffer.read(int(size)), PAGE, 'exec'), names)
+        exec(compile(sys.stdin.buffer.read(int(size)), '<page>', 'exec'), names)
     except Exception:
         traceback.print_exc()
         failed = 1
@@ -75,18 +76,16 @@ class Block(NamedTuple):
 def find_blocks(page: str) -> list[Block]:
     """Return the blocks of a page in order; raise ValueError for one that has no meaning."""
     blocks = []
-    for found in BLOCK.finditer(page):
-        comment, language, text = found.group('comment', 'language', 'text')
-        line = page.count('\n', 0, found.start('fence')) + 1
+    for match in BLOCK.finditer(page):
+        comment, language, text = match.group('comment', 'language', 'text')
+        line = page.count('\n', 0, match.start('fence')) + 1
+        kind, value = OF_LANGUAGE.get(language, ''), ''
         if comment:
-            known = KIND.fullmatch(comment)
-            kind, value = [*filter(None, known.groups()), ''][:2] if known else ('', '')
-        else:
-            kind = 'run' if language in RUN else 'output' if language == 'text' else ''
-            value = ''
+            words = KIND.fullmatch(comment)
+            kind, value = [*filter(None, words.groups()), ''][:2] if words else ('', '')
         if not kind:
             raise ValueError(f'line {line}: no kind of block: {comment or language}')
-        if kind == 'output' and not (blocks and blocks[-1].kind in PRINTING):
+        if kind == 'output' and not (blocks and blocks[-1].kind not in SILENT):
             raise ValueError(f'line {line}: output, but no command above it')
         blocks.append(Block(kind, value, language, text, line))
     return blocks
@@ -106,7 +105,10 @@ def missing_line(excerpt: str, output: str) -> str | None:
 
 
 class Session:
-    """A reader with a folder, a shell, further terminals and a Python session."""
+    """A reader with a folder, a shell, further terminals and a Python session.
+
+    Leaving the context ends the terminals as Ctrl-C does; AssertionError for one that failed.
+    """
 
     def __init__(self, folder: Path, environment: dict[str, str], prelude: str = ''):
         """Start in `folder`; `prelude` is read by the shell before each block."""
@@ -114,12 +116,11 @@ class Session:
         self._prelude = prelude
         self._environment = environment
         self._closing = contextlib.ExitStack()
-        kept = Path(self._closing.enter_context(tempfile.TemporaryDirectory()))
-        self._shell = kept / 'shell'  # what the next block starts from
+        self._logs = Path(self._closing.enter_context(tempfile.TemporaryDirectory()))
+        self._shell = self._logs / 'shell'  # what the next block starts from
         self._shell.write_text(f'cd {shlex.quote(str(folder))}\n')
-        self._logs = kept
         self._python = None
-        self._printed = ''
+        self._printed: str | Path | None = ''  # by the last block; a file that grows; unknown
         self._domain = None
         self.terminals: list[subprocess.Popen] = []
 
@@ -127,25 +128,25 @@ class Session:
         return self
 
     def __exit__(self, *raised):
-        self.close()
-
-    def close(self) -> None:
-        """End the terminals as Ctrl-C does; raise AssertionError for one that failed."""
         self._closing.close()
 
     def do(self, block: Block) -> None:
         """Do what a reader does with a block; raise AssertionError where it does not work."""
         match block.kind:
             case 'file':
-                self._write(block)
+                file = self.folder / block.value
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_text(block.text)
             case 'append':
-                with (self.folder / block.value).open('r+') as file:
-                    file.seek(0, os.SEEK_END)
-                    file.write(block.text)
+                file = self.folder / block.value
+                file.write_text(file.read_text() + block.text)
             case 'in':
-                recipe_steps.apply(f'in {block.value}', block.text, self.folder)
+                self._edit(block)
+            case 'program':
+                self._printed = self._finish([sys.executable, '-c', block.text], block.text)
             case 'terminal':
-                self._printed = self._start(block.text)
+                for command in block.text.splitlines():
+                    self._printed = self._start(command)
             case 'run' if block.language == 'python':
                 self._printed = self._run_python(block.text)
             case 'run' | 'run as':
@@ -154,35 +155,52 @@ class Session:
                 self._printed = self._run(block.text, int(block.value))
             case 'on the wall clock':
                 self._printed = self._run(block.text, 0, 1)
-            case 'output' if isinstance(self._printed, Path):
-                log = self._printed
-                wait_until(
-                    lambda: missing_line(block.text, log.read_text()) is None,
-                    SHELL_S,
-                    log.read_text,
-                )
-            case 'output' if self._printed is not None:
-                missing = missing_line(block.text, self._printed)
-                assert missing is None, f'no line {missing!r} in\n{self._printed}'
+            case 'output':
+                self._compare(block.text)
             case 'not run':
                 self._printed = None
 
-    def _write(self, block):
-        file = self.folder / block.value
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(block.text)
+    def _compare(self, excerpt):
+        printed = self._printed
+        if isinstance(printed, Path):
+            read = printed.read_text
+            wait_until(lambda: missing_line(excerpt, read()) is None, SHELL_S, read)
+        elif printed is not None:
+            missing = missing_line(excerpt, printed)
+            assert missing is None, f'no line {missing!r} in\n{printed}'
+
+    def _edit(self, block):
+        name, how, anchor = re.fullmatch(r'(\S+), (\w+): (.+)', block.value).groups()
+        file = self.folder / name
+        lines = file.read_text().splitlines(keepends=True)
+        k = next((k for k, line in enumerate(lines) if anchor in line), None)
+        assert k is not None, f'{name} has no line with {anchor!r}'
+        if how == 'replace':
+            lines[k] = lines[k].replace(anchor, block.text.strip())
+        else:
+            lines.insert(k + (how == 'after'), block.text)
+        file.write_text(''.join(lines))
 
     def _run(self, text, *codes):
         kept = f'{{ export -p; printf "cd %q\\n" "$PWD"; }} > {self._shell}'
         script = f'set -e -o pipefail\n. {self._shell}\n{self._prelude}\n{text}\n{kept}'
-        output, code = self._finish(self._bash(script, subprocess.PIPE))
+        return self._finish(['bash', '-c', script], text, *codes)
+
+    def _finish(self, command, text, *codes):
+        process = self._popen(command, subprocess.PIPE)
+        try:
+            output, _ = process.communicate(timeout=SHELL_S)
+        except BaseException:
+            os.killpg(process.pid, signal.SIGKILL)
+            raise
+        code = process.returncode
         assert code in (codes or (0,)), f'exit code {code} of\n{text}\n{output}'
         assert 'Traceback' not in output, output
         return output
 
-    def _bash(self, script, stdout):
+    def _popen(self, command, stdout):
         return subprocess.Popen(
-            ['bash', '-c', script],
+            command,
             cwd=self.folder,
             env=self._environment,
             stdin=subprocess.DEVNULL,
@@ -192,24 +210,15 @@ class Session:
             start_new_session=True,
         )
 
-    def _finish(self, process):
-        try:
-            output, _ = process.communicate(timeout=SHELL_S)
-        except BaseException:
-            os.killpg(process.pid, signal.SIGKILL)
-            raise
-        return output, process.returncode
-
-    def _start(self, text):
-        """Start the commands of a terminal; return the file of what they print."""
-        (command,) = text.strip().splitlines()
+    def _start(self, command):
+        """Start the command of a terminal; return the file of what it prints."""
         if self._domain is None:  # `experiments run` takes a free one by itself
             self._domain = self._closing.enter_context(domain.reserved({}))
             with self._shell.open('a') as kept:
                 kept.write(f'export ROS_DOMAIN_ID={self._domain}\n')
-        log = self._logs / f'{len(list(self._logs.iterdir()))}.log'
+        log = self._logs / f'{len(self.terminals)}.log'
         with log.open('w') as file:
-            process = self._bash(f'. {self._shell}\nexec {command}', file)
+            process = self._popen(['bash', '-c', f'. {self._shell}\nexec {command}'], file)
         self.terminals.append(process)
         self._closing.callback(self._stop, process, log)
         return log
@@ -227,10 +236,9 @@ class Session:
 
     def _run_python(self, text):
         if self._python is None:
-            loop = PYTHON_LOOP.replace('PAGE', repr('<page>')).replace('{END}', END)
             self._python = self._closing.enter_context(
                 subprocess.Popen(
-                    [sys.executable, '-c', loop],
+                    [sys.executable, '-c', PYTHON_LOOP.replace('{END}', END)],
                     cwd=self.folder,
                     env=self._environment,
                     stdin=subprocess.PIPE,
@@ -242,11 +250,10 @@ class Session:
         source = text.encode()
         self._python.stdin.write(b'%d\n%s' % (len(source), source))
         self._python.stdin.flush()
-        printed = []
+        output = ''
         for line in self._python.stdout:
-            printed.append(line.decode())
-            if END in printed[-1]:
+            output += line.decode()
+            if END in output:
                 break
-        output = ''.join(printed)
         assert output.endswith(f'{END}0\n'), output
         return output.removesuffix(f'{END}0\n')

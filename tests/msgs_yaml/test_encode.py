@@ -1,14 +1,19 @@
 """Messages take the forms of topics.yaml, so that viewers and plotters show them as they are."""
 
 import math
+from typing import NamedTuple
 
 import pytest
+from example_messages import decoded, encoded, load_example
+from visualization_msgs.msg import Marker
 
-from msgs_yaml import contract, encode
-from msgs_yaml.types import Actuators, Command, Imu, VehicleState, Wheels, Why
+from msgs_yaml import conformance, contract, decode, encode, flat_fields, share
+from msgs_yaml.contract import ContractError
+from msgs_yaml.types import Command, Imu, Obstacle, Obstacles, VehicleState, Why
+from node_runtime import ros
 
 S = 1_000_000_000
-FOUR = (1.0, 2.0, 3.0, 4.0)
+IMU = '/vehicle/imu'
 
 
 def test_a_heading_to_the_left_turns_the_pose_about_z():
@@ -18,52 +23,139 @@ def test_a_heading_to_the_left_turns_the_pose_about_z():
     assert (q.z, q.w) == pytest.approx((math.sqrt(0.5), math.sqrt(0.5)))
 
 
-def test_joint_arrays_are_full_so_that_none_is_an_empty_sequence():
-    wheels = Wheels(S, *[FOUR] * 7)
-    for message in (
-        encode.command(Command(S, 1.0, 2.0, 3.0, 4.0)),
-        encode.actuators(Actuators(S, 1.0, 2.0, 3.0, 4.0, FOUR)),
-        encode.wheels(wheels),
-    ):
-        lengths = {len(message.position), len(message.velocity), len(message.effort)}
-        assert lengths == {len(message.name)}
+@pytest.mark.parametrize('topic', ['/vehicle/wheels', '/vehicle/actuators', '/controller/command'])
+def test_the_numbers_of_a_joint_state_stand_where_topics_yaml_says_and_no_array_is_empty(topic):
+    columns = flat_fields.load(topic).columns
+    numbers = iter(range(1, 100))
+    parts = [tuple(float(next(numbers)) for _ in paths) for paths in columns.values()]
+    fields = [part if len(part) > 1 else part[0] for part in parts]
+    message = encoded(topic, flat_fields.TYPES[topic](S, *fields))
+    for paths, part in zip(columns.values(), parts):
+        for path, number in zip(paths, part):
+            array, _, name = path.removesuffix(']').partition('[')
+            assert getattr(message, array)[message.name.index(name)] == number
+    lengths = {len(message.position), len(message.velocity), len(message.effort)}
+    assert lengths == {len(message.name)}
 
 
-def test_each_number_of_a_wheel_stands_under_its_name():
-    columns = [tuple(10.0 * k + i for i in range(4)) for k in range(7)]
-    omega, torque, Fz, kappa, Fx, alpha, Fy = columns
-    message = encode.wheels(Wheels(S, *columns))
-    at = {name: place for place, name in enumerate(message.name)}
-    for i, wheel in enumerate(('fl', 'fr', 'rl', 'rr')):
-        assert message.velocity[at[f'{wheel}_spin']] == omega[i]
-        assert message.effort[at[f'{wheel}_spin']] == torque[i]
-        assert message.effort[at[f'{wheel}_vertical']] == Fz[i]
-        assert message.position[at[f'{wheel}_longitudinal']] == kappa[i]
-        assert message.effort[at[f'{wheel}_longitudinal']] == Fx[i]
-        assert message.position[at[f'{wheel}_lateral']] == alpha[i]
-        assert message.effort[at[f'{wheel}_lateral']] == Fy[i]
-
-
-def test_each_number_of_the_actuators_stands_under_its_name():
-    message = encode.actuators(Actuators(S, 0.1, 0.2, -3.0, -2.0, FOUR))
-    at = {name: place for place, name in enumerate(message.name)}
-    assert (message.position[at['steer']], message.velocity[at['steer']]) == (0.1, 0.2)
-    assert (message.effort[at['front_axle']], message.effort[at['rear_axle']]) == (-3.0, -2.0)
-    assert [message.effort[at[f'{w}_wheel']] for w in ('fl', 'fr', 'rl', 'rr')] == list(FOUR)
-
-
-def test_the_imu_says_that_it_measures_no_orientation():
+def test_an_imu_measures_no_orientation_and_a_header_has_stamp_and_frame():
     assert encode.imu(Imu(S, 1.0, 2.0, 3.0)).orientation_covariance[0] == -1.0
+    header = encode.command(Command(S + 5, 0.1, 0.2, 3.0, 4.0)).header
+    frame = contract.load().topics['/controller/command'].frame
+    assert (header.stamp.sec, header.stamp.nanosec, header.frame_id) == (1, 5, frame)
 
 
-def test_every_header_carries_the_frame_of_the_contract():
-    topics = contract.load().topics
-    command = encode.command(Command(S + 5, 0.1, 0.2, 3.0, 4.0))
-    assert command.header.frame_id == topics['/controller/command'].frame
-    assert (command.header.stamp.sec, command.header.stamp.nanosec) == (1, 5)
+def test_a_moving_obstacle_is_a_cylinder_and_an_arrow_of_one_id_and_none_deletes_all():
+    still, moving = Obstacle(1, 5.0, 0.0, 0.5, 0.0, 0.0), Obstacle(2, 9.0, 1.0, 0.5, 3.0, 0.0)
+    message = encode.obstacles(Obstacles(S, (still, moving)))
+    assert [(m.ns, m.type, m.id, m.action) for m in message.markers] == [
+        ('obstacle', Marker.CYLINDER, 1, Marker.ADD),
+        ('obstacle', Marker.CYLINDER, 2, Marker.ADD),
+        ('velocity', Marker.ARROW, 2, Marker.ADD),
+    ]
+    # viewers drop what is not sent again, four periods of 50 ms later
+    assert (message.markers[0].lifetime.sec, message.markers[0].lifetime.nanosec) == (
+        0,
+        2 * S // 10,
+    )
+    assert (message.markers[0].scale.x, message.markers[0].scale.z) == (1.0, 1.0)
+    assert message.markers[0].pose.position.z == 0.5
+    (marker,) = encode.obstacles(Obstacles(5 * S, ())).markers
+    assert (marker.action, marker.header.stamp.sec) == (Marker.DELETEALL, 5)
 
 
-@pytest.mark.parametrize('word', ['12', '-1.5', 'nan', 'True', '1e3', 'inf'])
-def test_a_word_that_would_come_back_as_a_number_is_rejected(word):
+def test_a_word_that_would_come_back_as_a_number_is_rejected():
     with pytest.raises(ValueError, match='would be read as a number or truth'):
-        encode.why(Why(S, 0, 'fine', {'reason': word}))
+        encode.why(Why(S, 0, 'fine', {'reason': '12'}))
+
+
+TOPICS = contract.load().topics
+
+
+@pytest.mark.parametrize('topic', TOPICS)
+def test_every_topic_has_an_example_that_obeys_the_contract_and_can_be_decoded(topic):
+    message = load_example(topic)
+    assert conformance.check(topic, message) == []
+    if not TOPICS[topic].on_request:
+        decoded(topic, message)
+    name = topic.strip('/').replace('/', '-')
+    head = share.path('msgs_yaml', 'examples', f'{name}.yaml').read_text().split('\n\n')[0]
+    assert f'{topic} {TOPICS[topic].type} ' in head
+
+
+def test_every_example_is_of_a_topic_and_holds_what_its_comment_says():
+    names = {path.stem for path in share.path('msgs_yaml', 'examples').iterdir()}
+    assert names == {topic.strip('/').replace('/', '-') for topic in TOPICS}
+    assert decode.odometry(load_example('/vehicle/odometry')).psi == pytest.approx(0.1, abs=1e-12)
+    path = decode.reference(load_example('/scenario/reference'))
+    assert (path.X.tolist(), path.t.tolist()) == ([0.0, 10.0, 20.0], [0.0, 0.5, 1.0])
+    seen = decode.obstacles(load_example('/scenario/obstacles')).items
+    assert seen == (Obstacle(1, 50.0, 0.5, 0.5, 0.0, 0.0), Obstacle(2, 90.0, 2.0, 0.8, -5.0, 0.0))
+    assert decode.clock(load_example('/clock')) == 1_050_000_000
+    assert decode.why(load_example('/controller/why')).values['solver.iterations'] == 7
+
+
+LINE = '      angular_velocity.z: {symbol: r,'
+NEW_LINE = (
+    '      linear_acceleration.z: {symbol: az, unit: m/s^2, low: -9, high: 9, column: az_mps2}\n'
+)
+
+
+class ImuWithAz(NamedTuple):
+    stamp_ns: int
+    ax: float
+    ay: float
+    az: float
+    r: float
+    p: float
+
+
+@pytest.fixture
+def read_contract(tmp_path, monkeypatch):
+    """Return read_contract(old, new): let every module read the contract with this change."""
+    cached = (flat_fields.load, conformance._checks)
+
+    def read(old, new):
+        path = tmp_path / 'topics.yaml'
+        path.write_text(share.path('msgs_yaml', 'topics.yaml').read_text().replace(old, new))
+        other = contract.load(path)
+        monkeypatch.setattr(contract, 'load', lambda: other)
+        for function in cached:
+            function.cache_clear()
+
+    yield read
+    monkeypatch.undo()
+    for function in cached:
+        function.cache_clear()
+
+
+def test_a_new_number_costs_a_line_in_topics_yaml_and_one_in_its_type(read_contract, monkeypatch):
+    read_contract(LINE, NEW_LINE + LINE)
+    with pytest.raises(ContractError, match=r'/vehicle/imu: .* ax, ay, az, r, p; Imu others'):
+        flat_fields.load(IMU)
+    monkeypatch.setitem(flat_fields.TYPES, IMU, ImuWithAz)
+    value = ImuWithAz(1_000_000_000, 1.0, 2.0, 3.0, 0.5, 0.1)
+    message = encode.imu(value)
+    assert message.linear_acceleration.z == 3.0
+    assert ros.deserialize(IMU, flat_fields.load(IMU).fill(value)) == message
+    assert decode.imu(message) == value
+    assert flat_fields.load(IMU).columns['az_mps2'] == ('linear_acceleration.z',)
+    with pytest.raises(decode.DecodeError, match=r'linear_acceleration.z \(az\) is 9.5'):
+        decode.imu(encode.imu(value._replace(az=9.5)))
+
+
+def test_a_field_of_two_numbers_is_an_error(read_contract, monkeypatch):
+    read_contract('symbol: ay, unit: m/s^2, low: -100, high: 100, column: ay_mps2', TWO)
+    without_ay = type('Imu', (), {'_fields': ('stamp_ns', 'ax', 'r', 'p')})
+    monkeypatch.setitem(flat_fields.TYPES, IMU, without_ay)
+    with pytest.raises(ContractError, match='the value ax has 2 fields; allowed 1 or 4'):
+        flat_fields.load(IMU)
+
+
+TWO = 'symbol: ay, value: ax, unit: m/s^2, low: -100, high: 100, column: ax_mps2'
+
+
+def test_a_topic_without_a_fixed_length_has_no_template_and_flat_fields_show_as_their_type():
+    with pytest.raises(KeyError):
+        flat_fields.load('/scenario/reference')
+    assert repr(flat_fields.load('/vehicle/odometry')) == 'FlatFields(VehicleState, 7 numbers)'

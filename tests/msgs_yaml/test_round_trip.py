@@ -1,52 +1,39 @@
-"""What is encoded, sent and decoded is what was meant, whichever library reads the message."""
+"""What is encoded, sent and decoded is what was meant, whichever library or shortcut reads it."""
 
 import math
 import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from example_messages import FAST, canonical, decoded, encoded, ros_types
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
-from rclpy.serialization import deserialize_message, serialize_message
-from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_typestore
+from rclpy.serialization import serialize_message
 
-from msgs_yaml import contract, conversions, decode, encode, types
-from node_runtime import ros
+from msgs_yaml import contract, conversions, decode, encode, flat_fields, types
+from msgs_yaml.decode import DecodeError
+from node_runtime import ros, subscriptions_node
 
-PADDING = 8  # serialize_message may leave so many bytes of junk behind a message
-STORE = get_typestore(Stores.ROS2_JAZZY)
+MAX_NANOSEC = 2**32 - 1  # that the field of a message can hold
 
 
-def exact(message, kind):
-    """Return a serialised message without the junk behind it, and what rosbags reads in it."""
-    raw = serialize_message(message)
-    for length in range(len(raw), len(raw) - PADDING - 1, -1):
-        try:
-            return raw[:length], STORE.deserialize_cdr(raw[:length], kind)
-        except (SerdeError, struct.error, IndexError, ValueError):
-            continue
-    raise AssertionError(f'rosbags reads no {kind} in {raw!r}')
-
-
-def by_object(message, kind):
-    return message
-
-
-def by_rclpy(message, kind):
-    return deserialize_message(serialize_message(message), type(message))
-
-
-def by_rosbags(message, kind):
-    return exact(message, kind)[1]
-
-
-def by_mcap(message, kind):
-    text, _ = STORE.generate_msgdef(kind, ros_version=2)
+def routes(topic):
+    """Return functions of a message and its bytes that return its value, by who reads it."""
+    kind = contract.load().topics[topic].type
+    text, _ = ros_types().generate_msgdef(kind, ros_version=2)
     schema = Schema(id=1, name=kind, encoding='ros2msg', data=text.encode())
-    return DecoderFactory().decoder_for('cdr', schema)(exact(message, kind)[0])
+    mcap = DecoderFactory().decoder_for('cdr', schema)
+    ways = {
+        'object': lambda message, raw: decoded(topic, message),
+        'rclpy': lambda message, raw: decoded(topic, ros.deserialize(topic, raw)),
+        'rosbags': lambda message, raw: decoded(topic, ros_types().deserialize_cdr(raw, kind)),
+        'mcap': lambda message, raw: decoded(topic, mcap(raw)),
+    }
+    if topic in FAST:
+        ways['bytes'] = lambda message, raw: FAST[topic](raw)
+    return ways
 
 
 def number(low, high):
@@ -58,75 +45,57 @@ def four(low, high):
 
 
 STAMP = st.integers(1, (2**31 - 200) * 10**9)
-METRES = number(-1e4, 1e4)
+METRES, RATE, SPEED = number(-1e4, 1e4), number(-10, 10), number(-20, 60)
 ANGLE = number(-math.pi, math.pi).filter(lambda psi: psi > -math.pi)
-STEER, FORCE, TORQUE = number(-1.2, 1.2), number(-6e4, 6e4), number(-2e4, 2e4)
+STEER, FORCE, TORQUE = number(-1.2, 1.2), number(-6e4, 6e4), four(-2e4, 2e4)
 KEYS = st.text('abcdefgh._', min_size=1, max_size=12)
 TOLD = st.one_of(
     st.booleans(), st.integers(), st.floats(allow_nan=False), st.sampled_from(['', 'solved', 'a b'])
 )
 VALUES = st.dictionaries(KEYS, TOLD, max_size=12)
+TEXT = st.text('ab é', max_size=9)
+LINE = st.lists(st.tuples(METRES, METRES), min_size=2, max_size=9).map(np.array)
+OBSTACLE = st.builds(
+    types.Obstacle, st.integers(0, 99), METRES, METRES, number(0.01, 50), SPEED, SPEED
+)
 
 
 @st.composite
 def paths(draw, cls, least):
     n = draw(st.integers(least, 12))
     steps = draw(st.lists(st.integers(1, 3 * 10**9), min_size=n - 1, max_size=n - 1))
-    t = np.cumsum([0, *steps]) / 1e9
     X, Y = (draw(st.lists(METRES, min_size=n, max_size=n)) for _ in 'XY')
     turns = draw(st.lists(number(-3, 3), min_size=n, max_size=n))
+    t = np.cumsum([0, *steps]) / 1e9
     return cls(draw(STAMP), np.array(X), np.array(Y), np.cumsum(turns), t)
 
 
-def lines():
-    points = st.lists(st.tuples(METRES, METRES), min_size=2, max_size=9)
-    return points.map(lambda pairs: np.array(pairs))
-
-
-def obstacles():
-    speed = number(-100, 100)
-    one = st.builds(
-        types.Obstacle, st.integers(0, 99), METRES, METRES, number(0.01, 50), speed, speed
-    )
-    return st.lists(one, max_size=6, unique_by=lambda obstacle: obstacle.id).map(tuple)
-
-
-RATE = number(-10, 10)
-SPEED = number(-20, 60)
 FORMS = {
     '/vehicle/odometry': st.builds(
         types.VehicleState, STAMP, METRES, METRES, ANGLE, SPEED, SPEED, RATE
     ),
     '/vehicle/imu': st.builds(types.Imu, STAMP, number(-99, 99), number(-99, 99), RATE, RATE),
-    '/vehicle/actuators': st.builds(
-        types.Actuators, STAMP, STEER, RATE, FORCE, FORCE, four(-2e4, 2e4)
-    ),
+    '/vehicle/actuators': st.builds(types.Actuators, STAMP, STEER, RATE, FORCE, FORCE, TORQUE),
     '/vehicle/wheels': st.builds(
         types.Wheels,
-        STAMP,
-        four(-200, 600),
-        four(-2e4, 2e4),
-        four(0, 6e4),
-        four(-100, 100),
-        four(-6e4, 6e4),
-        four(-3.2, 3.2),
-        four(-6e4, 6e4),
+        *(STAMP, four(-200, 600), TORQUE, four(0, 6e4), four(-100, 100)),
+        *(four(-6e4, 6e4), four(-3.2, 3.2), four(-6e4, 6e4)),
     ),
     '/controller/command': st.builds(types.Command, STAMP, STEER, RATE, FORCE, FORCE),
     '/scenario/reference': paths(types.Reference, 2),
     '/controller/prediction': paths(types.Prediction, 1),
-    '/scenario/road_edges': st.builds(types.RoadEdges, STAMP, lines(), lines()),
-    '/scenario/obstacles': st.builds(types.Obstacles, STAMP, obstacles(), st.just(())),
-    '/controller/why': st.builds(
-        types.Why, STAMP, st.integers(0, 2), st.text('ab é', max_size=9), VALUES
+    '/scenario/road_edges': st.builds(types.RoadEdges, STAMP, LINE, LINE),
+    '/scenario/obstacles': st.builds(
+        types.Obstacles,
+        STAMP,
+        st.lists(OBSTACLE, max_size=6, unique_by=lambda obstacle: obstacle.id).map(tuple),
+        st.just(()),
     ),
-    '/diagnostics': st.builds(
-        types.Health, STAMP, KEYS, st.integers(0, 3), st.text('ab é', max_size=9), VALUES
-    ),
+    '/controller/why': st.builds(types.Why, STAMP, st.integers(0, 2), TEXT, VALUES),
+    '/diagnostics': st.builds(types.Health, STAMP, KEYS, st.integers(0, 3), TEXT, VALUES),
     '/clock': STAMP,
     '/vehicle/run_start': st.one_of(st.just(0), STAMP),
 }
-NAMES = {topic: topic.rsplit('/', 1)[1] for topic in FORMS} | {'/diagnostics': 'health'}
 
 
 def same(a, b):
@@ -140,20 +109,22 @@ def same(a, b):
     return type(a) is type(b) and a == b
 
 
-@pytest.mark.parametrize('route', [by_object, by_rclpy, by_rosbags, by_mcap])
 @pytest.mark.parametrize('topic', sorted(FORMS))
-def test_decoding_undoes_encoding_to_the_last_bit(topic, route):
-    name, kind = NAMES[topic], contract.load().topics[topic].type
+def test_decoding_undoes_encoding_to_the_last_bit_by_every_route(topic):
     # a message of /diagnostics may have several statuses
     unchanged = (lambda value: (value,)) if topic == '/diagnostics' else lambda value: value
-    received = getattr(conversions, f'{name}_as_received', unchanged)
+    received = getattr(conversions, f'{topic.rpartition("/")[2]}_as_received', unchanged)
 
-    @settings(max_examples=25)
+    ways = routes(topic)
+
+    @settings(max_examples=30)
     @given(FORMS[topic])
     def check(value):
-        message = getattr(encode, name)(value)
+        message = encoded(topic, value)
         assert isinstance(message, ros.message_type(topic))
-        assert same(getattr(decode, name)(route(message, kind)), received(value))
+        raw = canonical(topic, message)
+        for name, read in ways.items():
+            assert same(read(message, raw), received(value)), name
 
     check()
 
@@ -161,17 +132,14 @@ def test_decoding_undoes_encoding_to_the_last_bit(topic, route):
 def test_every_topic_is_tested():
     topics = contract.load().topics.values()
     assert set(FORMS) == {topic.name for topic in topics if not topic.on_request}
+    assert {*flat_fields.TYPES, '/scenario/reference', '/scenario/road_edges'} == set(FAST)
 
 
-@given(FORMS['/vehicle/odometry'])
-def test_the_round_trip_changes_a_heading_by_rounding_only(state):
+@given(FORMS['/scenario/reference'], FORMS['/vehicle/odometry'])
+def test_the_round_trip_changes_times_and_headings_by_rounding_and_full_turns_only(path, state):
     received = conversions.odometry_as_received(state)
     assert abs(conversions.wrap_angle(received.psi - state.psi)) <= 1e-15
     assert received._replace(psi=state.psi) == state
-
-
-@given(FORMS['/scenario/reference'])
-def test_the_round_trip_keeps_times_to_a_nanosecond_and_headings_up_to_full_turns(path):
     received = conversions.reference_as_received(path)
     assert np.max(np.abs(received.t - path.t)) <= 1e-9
     turns = (received.psi - path.psi) / math.tau
@@ -179,23 +147,137 @@ def test_the_round_trip_keeps_times_to_a_nanosecond_and_headings_up_to_full_turn
     assert -math.pi < received.psi[0] <= math.pi
 
 
+# a number of any bits that is no NaN
+ANY = st.floats(allow_nan=False)
+ANY_FOUR = st.tuples(ANY, ANY, ANY, ANY)
+ANY_STAMP = st.integers(0, 2**31 * 10**9 - 1)
+UNLIMITED = {
+    '/vehicle/odometry': (ANY, ANY, st.floats(-10, 10), ANY, ANY, ANY),
+    '/vehicle/imu': [ANY] * 4,
+    '/vehicle/actuators': (*[ANY] * 4, ANY_FOUR),
+    '/vehicle/wheels': [ANY_FOUR] * 7,
+    '/controller/command': [ANY] * 4,
+}
+
+
+def outcome(read, raw):
+    """Return the bits of what is read, None where it is refused."""
+    try:
+        value = read(raw)
+    except DecodeError:
+        return None
+    return value and [(np.shape(field), np.asarray(field).tobytes()) for field in value]
+
+
+@pytest.mark.parametrize('topic', sorted(flat_fields.TYPES))
+def test_a_template_writes_the_bytes_of_the_message_and_reads_or_refuses_them_alike(topic):
+    template = flat_fields.load(topic)
+
+    @settings(max_examples=50)
+    @given(st.builds(flat_fields.TYPES[topic], ANY_STAMP, *UNLIMITED[topic]))
+    def check(value):
+        message, raw = encoded(topic, value), template.fill(value)
+        kept = bytes(raw)
+        assert raw == canonical(topic, message)
+        assert len(raw) == len(serialize_message(message))
+        assert outcome(template.read, raw) == outcome(lambda _: decoded(topic, message), raw)
+        template.fill(value._replace(stamp_ns=1))
+        assert raw == kept  # the next message does not change it
+
+    check()
+
+
+READERS = {
+    '/scenario/reference': subscriptions_node.read_reference,
+    '/scenario/road_edges': subscriptions_node.read_road_edges,
+    '/vehicle/odometry': subscriptions_node.read_odometry,
+    '/vehicle/actuators': subscriptions_node.read_actuators,
+}
+HEADERS = {
+    '/scenario/reference': lambda m: [m.header, *(pose.header for pose in m.poses)],
+    '/scenario/road_edges': lambda m: [marker.header for marker in m.markers],
+    '/vehicle/odometry': lambda m: [m.header],
+    '/vehicle/actuators': lambda m: [m.header],
+}
+
+
+def short(topic):
+    """Return a valid message whose numbers are no round ones."""
+    line = np.array([0.1, 1.2, 2.3, 4.5])
+    stamp_ns = 5 * 10**9 + 3
+    if topic == '/scenario/reference':
+        return encode.reference(types.Reference(stamp_ns, line, -line, line / 9, line - 0.1))
+    if topic == '/scenario/road_edges':
+        side = np.column_stack([line, 3.0 + line / 7])
+        return encode.road_edges(types.RoadEdges(stamp_ns, side, -side[:3]))
+    if topic == '/vehicle/odometry':
+        return encode.odometry(types.VehicleState(stamp_ns, 1.1, -2.2, 0.5, 20.3, -0.5, 0.1))
+    torques = 11.1, 22.2, 33.3, 44.4
+    return encode.actuators(types.Actuators(stamp_ns, 0.1, 0.2, -3.3e3, -2.2e3, torques))
+
+
+def check_reading(topic, raw):
+    """Check that the shortcut and the node read or refuse bytes as their message is."""
+    slow = outcome(lambda raw: decoded(topic, ros.deserialize(topic, raw)), raw)
+    fast = outcome(FAST[topic], raw)
+    assert fast is None or fast == slow
+    assert outcome(READERS[topic], raw) == slow
+
+
+@pytest.mark.parametrize('topic', READERS)
+def test_damaged_bytes_are_read_or_refused_as_their_message_is(topic):
+    good = canonical(topic, short(topic))
+    places = st.integers(0, len(good) - 1)
+
+    @settings(max_examples=200)
+    @given(
+        flips=st.dictionaries(places, st.integers(1, 255), min_size=1, max_size=3),
+        size=st.one_of(st.just(len(good)), st.integers(0, len(good) + 4)),
+    )
+    def check(flips, size):
+        raw = bytearray(good)
+        for place, bits in flips.items():
+            raw[place] ^= bits
+        check_reading(topic, (bytes(raw) + bytes(4))[:size])
+
+    check()
+
+
+@pytest.mark.parametrize('topic', READERS)
+def test_any_stamp_is_read_or_refused_as_that_of_the_message_is(topic):
+    @settings(max_examples=50)
+    @given(
+        sec=st.lists(st.integers(-6, 3), min_size=1, max_size=5),
+        nanosec=st.integers(0, MAX_NANOSEC),
+        step=st.integers(0, 1),
+    )
+    @example(sec=[-1], nanosec=1_500_000_000, step=1)
+    @example(sec=[1, -1, 3], nanosec=4_000_000_000, step=1)
+    @example(sec=[0, 5], nanosec=1, step=0)
+    @example(sec=[9, 0], nanosec=0, step=0)
+    @example(sec=[0], nanosec=0, step=0)
+    def check(sec, nanosec, step):
+        message = short(topic)
+        for k, header in enumerate(HEADERS[topic](message)):
+            header.stamp.sec = sec[min(k, len(sec) - 1)]
+            header.stamp.nanosec = min(nanosec + step * k, MAX_NANOSEC)
+        check_reading(topic, canonical(topic, message))
+
+    check()
+
+
 @pytest.mark.parametrize('topic', ['/vehicle/odometry', '/controller/command', '/vehicle/imu'])
 def test_the_stamp_is_read_from_the_bytes_alone(topic):
     @settings(max_examples=25)
     @given(FORMS[topic])
     def check(value):
-        raw = serialize_message(getattr(encode, NAMES[topic])(value))
-        assert decode.stamp_ns_of(raw) == value.stamp_ns
+        assert decode.stamp_ns_of(serialize_message(encoded(topic, value))) == value.stamp_ns
 
     check()
 
 
-def test_the_stamp_of_big_endian_bytes_is_read_too():
-    raw = b'\x00\x00\x00\x00' + struct.pack('>iI', 7, 5) + bytes(8)
-    assert decode.stamp_ns_of(raw) == 7_000_000_005
-
-
-@pytest.mark.parametrize('raw', [b'', b'\x00\x01\x00\x00', b'\x00\x09\x00\x00' + bytes(20)])
-def test_bytes_without_a_stamp_are_rejected(raw):
-    with pytest.raises(decode.DecodeError, match='no CDR message'):
-        decode.stamp_ns_of(raw)
+def test_the_stamp_of_big_endian_bytes_is_read_too_and_bytes_without_a_stamp_are_rejected():
+    assert decode.stamp_ns_of(b'\x00\x00\x00\x00' + struct.pack('>iI', 7, 5)) == 7_000_000_005
+    for raw in (b'', b'\x00\x01\x00\x00' + bytes(7), b'\x00\x09\x00\x00' + bytes(20)):
+        with pytest.raises(DecodeError, match='no CDR message'):
+            decode.stamp_ns_of(raw)

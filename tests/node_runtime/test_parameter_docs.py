@@ -35,8 +35,10 @@ FILE = parameters.ParameterFile(
 )
 
 
+@pytest.fixture
 def rows():
-    return {row.name: row for group in parameter_docs.describe(Brakes, FILE) for row in group[2]}
+    groups = parameter_docs.describe(Brakes, FILE)
+    return {row.name: row for group in groups for row in group.parameters}
 
 
 def test_groups_have_the_first_paragraph_of_their_docstring():
@@ -48,29 +50,26 @@ def test_groups_have_the_first_paragraph_of_their_docstring():
     ]
 
 
-def test_a_parameter_has_unit_range_default_and_the_comment_of_the_file():
-    force = rows()['front.force_n']
+def test_a_parameter_has_unit_range_default_and_a_meaning(rows):
+    force = rows['front.force_n']
     assert (force.unit, force.low, force.high, force.default) == ('N', 0.0, 1e4, 3000.0)
-    assert (force.allowed, force.default_text) == ('0 to 10000', '3000')
-    assert force.meaning == 'of the front axle'
+    assert (force.allowed, force.default_text, force.group) == ('0 to 10000', '3000', 'front')
+    assert force.meaning == 'of the front axle'  # the comment of the file
+    assert rows['rear.force_n'].meaning == 'both wheels'  # the remark of the range
+    # the same field of another group lends its meaning
+    assert rows['rear.delay_ms'].meaning == 'not before it is cold after a command'
 
 
-def test_the_remark_in_the_range_counts_without_a_comment():
-    assert parameter_docs.describe(Axle)[0].parameters[0].meaning == 'both wheels'
-
-
-def test_the_same_field_of_another_group_lends_its_meaning():
-    assert rows()['rear.force_n'].meaning == 'both wheels'
-    assert rows()['rear.delay_ms'].meaning == 'not before it is cold after a command'
-
-
-def test_what_may_be_left_out_is_told_from_what_must_be_given():
-    found = rows()
-    assert found['front.delay_ms'].default_text == 'left out'
-    assert found['rear.force_n'].default_text == 'none: must be given'
-    assert found['speeds_mps'].default_text == '[1, 2.5]'
-    assert found['speeds_mps'].kind == 'list of number'
-    assert found['kind'].allowed == 'disc or drum'
+def test_what_may_be_left_out_is_told_from_what_must_be_given(rows):
+    defaults = {
+        'front.delay_ms': 'left out',
+        'rear.force_n': 'none: must be given',
+        'speeds_mps': '[1, 2.5]',
+        'kind': 'disc',
+    }
+    assert {name: rows[name].default_text for name in defaults} == defaults
+    assert rows['speeds_mps'].kind == 'list of number'
+    assert rows['kind'].allowed == 'disc or drum'
 
 
 @pytest.mark.parametrize(

@@ -3,44 +3,64 @@
 from array import array
 from typing import Annotated
 
-import numpy as np
 import pytest
 import rclpy
 import yaml
+from example_messages import decoded, load_example
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSCompatibility,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
 from rclpy.task import Future
 from wait_until import wait_until
 
-from msgs_yaml import cdr_templates, contract, decode, encode, flat_fields, types
+from msgs_yaml import contract, decode, flat_fields
+from msgs_yaml.types import Health
 from node_runtime import ros, spin_node
+from node_runtime.input_monitor import ERROR, OK, WARN
 from node_runtime.parameters import ParameterError, Range, Struct
-from node_runtime.subscriptions_node import LatestMessage
+from node_runtime.subscriptions_node import LatestMessage, PublisherMonitor
 
-pytestmark = pytest.mark.usefixtures('domain')
 TIMEOUT_S = 60.0
 S = 1_000_000_000
-STATE_TOPIC = '/vehicle/odometry'
-FOUR = (0.1, 0.2, 0.3, 0.4)
-LINE = np.array([[0.0, 3.5], [9.0, 3.5]])
-STATE = types.VehicleState(S, 1.0, 2.0, 0.3, 20.0, -0.1, 0.2)
-VALUES = {
-    'reference': types.Reference(S, np.arange(3.0), np.zeros(3), np.zeros(3), np.arange(3.0)),
-    'road_edges': types.RoadEdges(S, LINE, -LINE),
-    'obstacles': types.Obstacles(S, (types.Obstacle(1, 5.0, 0.0, 0.5, 1.0, 0.0),)),
-    'odometry': STATE,
-    'actuators': types.Actuators(S, 0.1, 0.2, -3000.0, -2000.0, FOUR),
-    'imu': types.Imu(S, 1.0, 2.0, 0.1),
-    'wheels': types.Wheels(S, *[FOUR] * 7),
-    'command': types.Command(S, 0.1, 0.2, -3000.0, -2000.0),
-    'prediction': types.Prediction(S, np.arange(51.0), *np.zeros((2, 51)), np.arange(51) * 0.05),
-    'why': types.Why(S, 0, 'solved', {'rung': 'solved', 'cost.con': 0.5}),
-    'diagnostics': types.Health(S, 'plant', 0, 'running', {'steps': 1}),
-    'run_start': S,
-    'clock': S,
-}
+TOPICS = contract.load().topics
+STATE_TOPIC, OBSTACLES, COMMAND = '/vehicle/odometry', '/scenario/obstacles', '/controller/command'
+STATE = decode.odometry(load_example(STATE_TOPIC))
+RING = {OBSTACLES: 1}
+DEFAULT_QOS = 10  # of rclpy: reliable, volatile, the last ten messages, no deadline
+
+
+def test_every_policy_is_converted_and_keep_all_needs_no_depth():
+    profile = ros.to_qos_profile(contract.Qos('reliable', 'transient_local', 'keep_last', 3, 100.0))
+    assert profile.reliability == ReliabilityPolicy.RELIABLE
+    assert profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    assert (profile.history, profile.depth) == (HistoryPolicy.KEEP_LAST, 3)
+    assert profile.deadline == Duration(nanoseconds=100_000_000)
+    profile = ros.to_qos_profile(contract.Qos('best_effort', 'volatile', 'keep_all', 0, None))
+    assert profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    assert profile.durability == DurabilityPolicy.VOLATILE
+    assert profile.history == HistoryPolicy.KEEP_ALL
+    assert profile.deadline.nanoseconds in (0, Duration().nanoseconds, 2**63 - 1)
+
+
+@pytest.mark.parametrize('mode', contract.MODES)
+@pytest.mark.parametrize('topic', TOPICS)
+def test_observers_and_our_subscriptions_match_what_is_published(topic, mode):
+    offered = ros.to_qos_profile(TOPICS[topic].qos[mode])
+    observer = ros.observer_profile(TOPICS[topic], mode)
+    compatibility, reason = qos_check_compatible(offered, observer)
+    assert compatibility != QoSCompatibility.ERROR, reason
+    requested = ros.to_qos_profile(TOPICS[topic].requested_qos(mode))
+    compatibility, reason = qos_check_compatible(offered, requested)
+    assert compatibility == QoSCompatibility.OK, reason
 
 
 class Params(Struct):
@@ -48,9 +68,6 @@ class Params(Struct):
     count: Annotated[int, Range(0, 9, '-')]
     widths: Annotated[tuple[float, ...], Range(0.0, 9.0, 'm')]
     loud: bool
-
-
-class Optional(Params):
     share: Annotated[float, Range(0.0, 1.0, '-')] | None
 
 
@@ -71,19 +88,19 @@ class Pair:
         self.context = Context()
         rclpy.init(context=self.context)
         self.executor = EventsExecutor(context=self.context)
-        self.nodes = [self.make(name, {'mode': mode}, defaults) for name in ('sender', 'receiver')]
-        self.sender, self.receiver = self.nodes
+        self.defaults, self.nodes = defaults, []
+        self.sender, self.receiver = (self.make(name, mode=mode) for name in ('sender', 'receiver'))
 
-    def make(self, name, given, defaults, cls=Params, namespace='', arguments=None):
-        chosen = [Parameter(key, value=value) for key, value in given.items()]
+    def make(self, name, arguments=(), namespace='', **given):
         node = Node(
             name,
             context=self.context,
             namespace=namespace,
-            cli_args=arguments,
-            parameter_overrides=chosen,
+            cli_args=['--ros-args', *arguments],
+            parameter_overrides=[Parameter(key, value=value) for key, value in given.items()],
         )
-        node.params = ros.declare(node, cls, defaults)
+        self.nodes.append(node)
+        node.params = ros.declare(node, Params, self.defaults)
         self.executor.add_node(node)
         return node
 
@@ -101,74 +118,54 @@ class Pair:
         self.until(lambda: pub.get_subscription_count() == 1)
         return pub, received
 
-    def close(self):
-        spin_node.shut_down(*self.nodes, context=self.context)
+    def deliver(self, pub, received, message):
+        """Publish a message and return what is received."""
+        pub.publish(message)
+        self.until(lambda: received)
+        return received[0]
 
 
 @pytest.fixture
 def pair(request, domain, defaults):
     created = Pair(getattr(request, 'param', 'lockstep'), defaults)
     yield created
-    created.close()
+    spin_node.shut_down(*created.nodes, context=created.context)
 
 
 both_modes = pytest.mark.parametrize('pair', contract.MODES, indirect=True)
-
-
-def coders(topic):
-    name = topic.rsplit('/', 1)[1]
-    called = 'health' if name == 'diagnostics' else name
-    return VALUES[name], getattr(encode, called), getattr(decode, called)
-
-
-DEFAULT_QOS = 10  # of rclpy: reliable, volatile, the last ten messages, no deadline
 on_the_wall_clock = pytest.mark.parametrize('pair', ['realtime'], indirect=True)
 
 
 @on_the_wall_clock
-def test_publishers_with_the_default_qos_are_heard(pair):
-    topics = [topic for topic in contract.load().topics.values() if topic.rate_hz['realtime']]
-    for topic in topics:
-        received, name = [], ros.relative_name(topic.name)
-        pub = pair.sender.create_publisher(ros.message_type(topic.name), name, DEFAULT_QOS)
-        ros.subscribe(pair.receiver, topic.name, received.append)
+def test_publishers_and_subscribers_with_the_default_qos_are_heard_and_hear(pair):
+    for topic in (topic.name for topic in TOPICS.values() if topic.rate_hz['realtime']):
+        received, name = [], ros.relative_name(topic)
+        pub = pair.sender.create_publisher(ros.message_type(topic), name, DEFAULT_QOS)
+        ros.subscribe(pair.receiver, topic, received.append)
         pair.until(pub.get_subscription_count)
-        value, to_message, _ = coders(topic.name)
-        pub.publish(to_message(value))
-        pair.until(lambda received=received: received)
-
-
-@on_the_wall_clock
-@pytest.mark.parametrize(
-    'topic', ['/controller/command', '/scenario/reference', '/scenario/obstacles']
-)
-def test_subscribers_with_the_default_qos_hear(pair, topic):
-    received, pub = [], ros.publisher(pair.sender, topic)
-    kind, name = ros.message_type(topic), ros.relative_name(topic)
-    pair.receiver.create_subscription(kind, name, received.append, DEFAULT_QOS)
-    pair.until(pub.get_subscription_count)
-    value, to_message, _ = coders(topic)
-    pub.publish(to_message(value))
-    pair.until(lambda: received)
+        pair.deliver(pub, received, load_example(topic))
+    for topic in (COMMAND, '/scenario/reference', OBSTACLES):
+        received, pub = [], ros.publisher(pair.sender, topic)
+        kind, name = ros.message_type(topic), ros.relative_name(topic)
+        before = pub.get_subscription_count()
+        pair.receiver.create_subscription(kind, name, received.append, DEFAULT_QOS)
+        pair.until(lambda pub=pub, before=before: pub.get_subscription_count() > before)
+        pair.deliver(pub, received, load_example(topic))
 
 
 @both_modes
 def test_every_topic_arrives_as_it_was_sent(pair):
-    topics = contract.load().topics.values()
-    connected = {t.name: pair.connect(t.name) for t in topics if not t.on_request}
-    for topic, (pub, received) in connected.items():
-        value, to_message, to_value = coders(topic)
-        pub.publish(to_message(value))
-        pair.until(lambda received=received: received)
-        assert isinstance(received[0], ros.message_type(topic))
-        assert repr(to_value(received[0])) == repr(to_value(to_message(value)))
+    topics = [topic.name for topic in TOPICS.values() if not topic.on_request]
+    for topic, (pub, received) in {name: pair.connect(name) for name in topics}.items():
+        message = pair.deliver(pub, received, load_example(topic))
+        assert isinstance(message, ros.message_type(topic))
+        assert repr(decoded(topic, message)) == repr(decoded(topic, load_example(topic)))
 
 
 @both_modes
 @pytest.mark.parametrize('topic', ['/scenario/reference', '/scenario/road_edges'])
 def test_a_late_subscriber_may_have_the_last_message_of_latched_topics(pair, topic):
-    value, to_message, to_value = coders(topic)
-    ros.publisher(pair.sender, topic).publish(to_message(value))
+    ros.publisher(pair.sender, topic).publish(load_example(topic))
     received = []
     if ros.mode(pair.receiver) == 'lockstep':  # where time stands still until it comes
         ros.subscribe(pair.receiver, topic, received.append)
@@ -177,37 +174,28 @@ def test_a_late_subscriber_may_have_the_last_message_of_latched_topics(pair, top
         name = ros.relative_name(topic)
         pair.receiver.create_subscription(kind, name, received.append, profile)
     pair.until(lambda: received)
-    assert repr(to_value(received[0])) == repr(to_value(to_message(value)))
+    assert received[0] == load_example(topic)
 
 
-@pytest.mark.parametrize('topic', sorted(flat_fields.TYPES))
-def test_messages_of_a_template_arrive_as_those_of_an_object(pair, topic):
-    received = []
-    pub = ros.TemplatePublisher(pair.sender, topic)
-    ros.subscribe(pair.receiver, topic, received.append, raw=True)
-    pair.until(lambda: pub.publisher.get_subscription_count() == 1)
-    value, _, to_value = coders(topic)
-    pub.publish(value)
-    pair.until(lambda: received)
-    assert received[0] == cdr_templates.Template(topic).fill(value)
-    assert decode.stamp_ns_of(received[0]) == S
-    assert to_value(ros.deserialize(topic, received[0])) == to_value(coders(topic)[1](value))
+def test_messages_of_a_template_arrive_as_those_of_an_object_and_lockstep_loses_none(pair):
+    for topic in sorted(flat_fields.TYPES):
+        received, pub = [], ros.TemplatePublisher(pair.sender, topic)
+        ros.subscribe(pair.receiver, topic, received.append, raw=True)
+        pair.until(lambda pub=pub: pub.publisher.get_subscription_count() == 1)
+        value = decoded(topic, load_example(topic))
+        raw = pair.deliver(pub, received, value)
+        assert raw == flat_fields.load(topic).fill(value)
+        assert decode.stamp_ns_of(raw) == value.stamp_ns
+        assert decoded(topic, ros.deserialize(topic, raw)) == value
+        stamps = [S + 1_000_000 * k for k in range(500)]
+        for stamp_ns in stamps:
+            pub.publish(value._replace(stamp_ns=stamp_ns))
+        pair.until(lambda received=received: len(received) > 500)
+        assert [decode.stamp_ns_of(raw) for raw in received[1:]] == stamps
 
 
-def test_lockstep_loses_none_of_a_long_burst(pair):
-    received = []
-    pub = ros.TemplatePublisher(pair.sender, '/vehicle/odometry')
-    ros.subscribe(pair.receiver, '/vehicle/odometry', received.append, raw=True)
-    pair.until(lambda: pub.publisher.get_subscription_count() == 1)
-    stamps = [S + 1_000_000 * k for k in range(500)]
-    for stamp_ns in stamps:
-        pub.publish(STATE._replace(stamp_ns=stamp_ns))
-    pair.until(lambda: len(received) >= len(stamps))
-    assert [decode.stamp_ns_of(raw) for raw in received] == stamps
-
-
-def test_parameters_are_declared_with_their_description_and_range(pair):
-    assert pair.sender.params == Params(2.0, 3, (1.0, 2.0), True)
+def test_parameters_are_declared_with_their_description_and_range_and_cannot_change(pair):
+    assert pair.sender.params == Params(2.0, 3, (1.0, 2.0), True, None)
     assert ros.mode(pair.sender) == 'lockstep'
     descriptor = pair.sender.describe_parameter('gain')
     assert descriptor.description == 'N per metre; 0 to 9 N'
@@ -217,125 +205,65 @@ def test_parameters_are_declared_with_their_description_and_range(pair):
     assert (allowed.from_value, allowed.to_value) == (0, 9)
     mode = pair.sender.describe_parameter('mode')
     assert mode.additional_constraints == 'lockstep or realtime'
+    for name, value in (('gain', 3.0), ('mode', 'realtime'), ('loud', False), ('base', 'a.yaml')):
+        (result,) = pair.sender.set_parameters([Parameter(name, value=value)])
+        assert not result.successful
+        assert 'read-only' in result.reason
+        assert pair.sender.get_parameter(name).value != value
 
 
-@pytest.mark.parametrize(('name', 'value'), [('gain', 3.0), ('mode', 'realtime'), ('loud', False)])
-def test_a_parameter_cannot_change_while_the_node_runs(pair, name, value):
-    (result,) = pair.sender.set_parameters([Parameter(name, value=value)])
-    assert not result.successful
-    assert 'read-only' in result.reason
-    assert pair.sender.get_parameter(name).value != value
-
-
-def test_whole_numbers_and_lists_override_doubles(pair, defaults):
-    node = pair.make('third', {'gain': 1, 'widths': [1, 2, 3], 'loud': False}, defaults)
-    pair.nodes.append(node)
-    assert node.params == Params(1.0, 3, (1.0, 2.0, 3.0), False)
+def test_whole_numbers_and_lists_override_doubles_and_an_unknown_override_stops_the_node(pair):
+    node = pair.make('third', gain=1, widths=[1, 2, 3], loud=False)
+    assert node.params == Params(1.0, 3, (1.0, 2.0, 3.0), False, None)
     assert node.get_parameter('gain').value == 1.0
     assert list(node.get_parameter('widths').value) == [1.0, 2.0, 3.0]
+    with pytest.raises(ParameterError, match=r"gian: .* no such parameter; .* 'gain'"):
+        pair.make('fourth', gian=1.0)
 
 
 def params_file(path, node, values):
     path.write_text(yaml.safe_dump({node: {'ros__parameters': values}}))
-    return ['--ros-args', '--params-file', str(path)]
+    return ['--params-file', str(path)]
 
 
-def test_a_parameter_file_with_a_base_overrides_the_file_that_it_names(pair, defaults, tmp_path):
+def test_a_parameter_file_with_a_base_overrides_the_file_that_it_names(pair, tmp_path):
     text = '/**: {ros__parameters: {base: node.yaml, gain: 4.0, loud: false}}'
     (tmp_path / 'quiet.yaml').write_text(text)
-    for base, expected in (('quiet.yaml', 4.0), (str(tmp_path / 'quiet.yaml'), 4.0), ('', 2.0)):
+    for base, gain in (('quiet.yaml', 4.0), (str(tmp_path / 'quiet.yaml'), 4.0), ('', 2.0)):
         arguments = params_file(tmp_path / 'small.yaml', '/**', {'base': base, 'count': 5})
-        node = pair.make('third', {}, defaults, arguments=arguments)
-        pair.nodes.append(node)
-        assert node.params == Params(expected, 5, (1.0, 2.0), not base)
+        node = pair.make('third', arguments)
+        assert node.params == Params(gain, 5, (1.0, 2.0), not base, None)
         assert node.get_parameter('base').value == base
-    (result,) = node.set_parameters([Parameter('base', value='quiet.yaml')])
-    assert 'read-only' in result.reason
 
 
-def test_a_node_restarts_from_the_output_of_ros2_param_dump(pair, defaults, tmp_path):
-    node = pair.make('third', {'gain': 3.0}, defaults, cls=Optional, namespace='car1')
-    pair.nodes.append(node)
-    names = node.list_parameters([], 0).names
-    values = {p.name: p.value for p in node.get_parameters(names)}
+def test_a_node_restarts_from_the_output_of_ros2_param_dump(pair, tmp_path):
+    node = pair.make('third', namespace='car1', gain=3.0)
+    values = {p.name: p.value for p in node.get_parameters(node.list_parameters([], 0).names)}
     assert {'base', 'mode', 'use_sim_time', 'share', 'realtime.priority'} <= values.keys()
     # as ros2cli writes it: lists plain, a value that is not set as null
     plain = {k: v.tolist() if isinstance(v, array) else v for k, v in values.items()}
     arguments = params_file(tmp_path / 'dump.yaml', '/car1/third', plain)
-    again = pair.make('third', {}, defaults, cls=Optional, namespace='car1', arguments=arguments)
-    pair.nodes.append(again)
-    assert again.params == node.params == Optional(3.0, 3, (1.0, 2.0), True, None)
+    again = pair.make('third', arguments, namespace='car1')
+    assert again.params == node.params == Params(3.0, 3, (1.0, 2.0), True, None)
 
 
-def test_an_unknown_override_stops_the_node(pair, defaults):
-    with pytest.raises(ParameterError, match=r"gian: .* no such parameter; .* 'gain'"):
-        pair.make('third', {'gian': 1.0}, defaults)
-
-
-def test_a_topic_outside_the_contract_is_an_error(pair):
-    with pytest.raises(KeyError):
-        ros.publisher(pair.sender, '/vehicle/odometer')
-
-
-def test_a_publisher_lacks_subscriptions_until_listeners_and_recorders_are_matched(pair, defaults):
-    recorded = pair.make('recorded', {'recorders': 1}, defaults)
-    pair.nodes.append(recorded)
-    pub = ros.publisher(recorded, '/scenario/obstacles')
+def test_a_publisher_lacks_subscriptions_until_listeners_and_recorders_are_matched(pair):
+    recorded = pair.make('recorded', recorders=1)
+    pub = ros.publisher(recorded, OBSTACLES)
     ros.publisher(recorded, '/diagnostics')  # needs no subscription
-    ring = {'/scenario/obstacles': 1}
-    assert ros.missing_subscriptions(recorded, ring) == [
-        '2 subscriptions to /scenario/obstacles (has 0)'
-    ]
-    ros.subscribe(pair.sender, '/scenario/obstacles', lambda msg: None)
+    lacking = f'2 subscriptions to {OBSTACLES} (has {{}})'
+    assert ros.missing_subscriptions(recorded, RING) == [lacking.format(0)]
+    ros.subscribe(pair.sender, OBSTACLES, lambda msg: None)
     pair.until(lambda: pub.get_subscription_count() == 1)
-    assert ros.missing_subscriptions(recorded, ring) == [
-        '2 subscriptions to /scenario/obstacles (has 1)'
-    ]
-    ros.subscribe(pair.receiver, '/scenario/obstacles', lambda msg: None)
-    pair.until(lambda: not ros.missing_subscriptions(recorded, ring))
+    assert ros.missing_subscriptions(recorded, RING) == [lacking.format(1)]
+    ros.subscribe(pair.receiver, OBSTACLES, lambda msg: None)
+    pair.until(lambda: not ros.missing_subscriptions(recorded, RING))
 
 
-@pytest.fixture
-def cars(pair, defaults):
-    """Return three more nodes, two of them in the same namespace."""
-    placed = [('sender', '/car1'), ('receiver', '/car1'), ('other', '/car2')]
-    created = [pair.make(name, {}, defaults, namespace=namespace) for name, namespace in placed]
-    pair.nodes += created
-    return created
-
-
-@pytest.mark.parametrize('topic', sorted(contract.load().topics))
-def test_every_topic_stays_in_the_namespace_of_its_node(pair, cars, topic):
-    sender, receiver, other = cars
-    pub = ros.publisher(sender, topic)
-    assert pub.topic_name == ros.full_name(sender, topic) == f'/car1{topic}'
-    subs = [ros.subscribe(node, topic, lambda msg: None) for node in (receiver, other)]
-    subs.append(ros.subscribe(pair.receiver, topic, lambda msg: None))
-    pair.until(lambda: pub.get_subscription_count() == 1)
-    assert [sub.topic_name for sub in subs] == [f'/car1{topic}', f'/car2{topic}', topic]
-    # whoever is matched is matched for good: the others have not been in the same time
-    assert [sub.get_publisher_count() for sub in subs[1:]] == [0, 0]
-
-
-def test_listeners_in_another_namespace_do_not_count(pair, cars):
-    sender, receiver, other = cars
-    ros.publisher(sender, '/scenario/obstacles')
-    ring = {'/scenario/obstacles': 1}
-    for stranger in (other, pair.receiver):
-        ros.subscribe(stranger, '/scenario/obstacles', lambda msg: None)
-    assert ros.missing_subscriptions(sender, ring) == [
-        '1 subscriptions to /car1/scenario/obstacles (has 0)'
-    ]
-    ros.subscribe(receiver, '/scenario/obstacles', lambda msg: None)
-    pair.until(lambda: not ros.missing_subscriptions(sender, ring))
-
-
-def test_a_remapped_publisher_waits_for_its_listeners_and_for_no_recorder(pair, defaults):
-    arguments = ['--ros-args', '-r', '/vehicle/odometry:=/raw/odometry']
-    node = pair.make('remapped', {'recorders': 1}, defaults, arguments=arguments)
-    pair.nodes.append(node)
-    pub = ros.publisher(node, '/vehicle/odometry')
-    ring = {'/vehicle/odometry': 1}
+def test_a_remapped_publisher_waits_for_its_listeners_and_for_no_recorder(pair):
+    node = pair.make('remapped', ['-r', f'{STATE_TOPIC}:=/raw/odometry'], recorders=1)
+    pub = ros.publisher(node, STATE_TOPIC)
+    ring = {STATE_TOPIC: 1}
     assert ros.missing_subscriptions(node, ring) == ['1 subscriptions to /raw/odometry (has 0)']
     kind, profile = ros.message_type(STATE_TOPIC), ros.qos_profile(node, STATE_TOPIC)
     pair.sender.create_subscription(kind, '/raw/odometry', lambda msg: None, profile)
@@ -343,16 +271,76 @@ def test_a_remapped_publisher_waits_for_its_listeners_and_for_no_recorder(pair, 
     assert not ros.missing_subscriptions(node, ring)
 
 
+@pytest.fixture
+def cars(pair):
+    """Return three more nodes, two of them in the same namespace."""
+    placed = [('sender', '/car1'), ('receiver', '/car1'), ('other', '/car2')]
+    return [pair.make(name, namespace=namespace) for name, namespace in placed]
+
+
+def test_every_topic_stays_in_the_namespace_of_its_node(pair, cars):
+    sender, receiver, other = cars
+    for topic in TOPICS:
+        pub = ros.publisher(sender, topic)
+        assert pub.topic_name == ros.full_name(sender, topic) == f'/car1{topic}'
+        nodes = (receiver, other, pair.receiver)
+        subs = [ros.subscribe(node, topic, lambda msg: None) for node in nodes]
+        pair.until(lambda pub=pub: pub.get_subscription_count() == 1)
+        assert [sub.topic_name for sub in subs] == [f'/car1{topic}', f'/car2{topic}', topic]
+        # whoever is matched is matched for good: the others have not been in the same time
+        assert [sub.get_publisher_count() for sub in subs[1:]] == [0, 0]
+    with pytest.raises(KeyError):
+        ros.publisher(pair.sender, '/vehicle/odometer')
+
+
+def test_listeners_in_another_namespace_do_not_count(pair, cars):
+    sender, receiver, other = cars
+    ros.publisher(sender, OBSTACLES)
+    for stranger in (other, pair.receiver):
+        ros.subscribe(stranger, OBSTACLES, lambda msg: None)
+    lacking = ['1 subscriptions to /car1/scenario/obstacles (has 0)']
+    assert ros.missing_subscriptions(sender, RING) == lacking
+    ros.subscribe(receiver, OBSTACLES, lambda msg: None)
+    pair.until(lambda: not ros.missing_subscriptions(sender, RING))
+
+
 def test_the_latest_message_is_that_of_the_namespace(pair, cars):
     sender, receiver, other = cars
     newest = LatestMessage(receiver, STATE_TOPIC)
-    try:
-        pubs = {node: ros.TemplatePublisher(node, STATE_TOPIC) for node in (sender, other)}
-        pair.until(lambda: pubs[sender].publisher.get_subscription_count() == 1)
-        pubs[other].publish(STATE._replace(stamp_ns=9 * S))
-        pubs[sender].publish(STATE)
-        messages = []
-        pair.until(lambda: any(messages) or messages.append(newest.take()))
-        assert decode.stamp_ns_of(messages[-1]) == S
-    finally:
-        newest.destroy()
+    pair.nodes.append(newest)
+    newest.destroy_node = newest.destroy
+    pubs = {node: ros.TemplatePublisher(node, STATE_TOPIC) for node in (sender, other)}
+    pair.until(lambda: pubs[sender].publisher.get_subscription_count() == 1)
+    assert newest.has_publisher()
+    pubs[other].publish(STATE._replace(stamp_ns=9 * S))
+    pubs[sender].publish(STATE)
+    messages = []
+    pair.until(lambda: any(messages) or messages.append(newest.take()))
+    assert decode.stamp_ns_of(messages[-1]) == STATE.stamp_ns
+
+
+WELL = Health(1, 'plant', OK, 'running', {})
+
+
+def test_a_second_publisher_is_named_until_it_has_left(pair, capfd):
+    listener, controller, intruder = (
+        pair.make(name, namespace='/car1') for name in ('plant', 'controller', 'intruder')
+    )
+    subscription = ros.subscribe(listener, COMMAND, lambda msg: None)
+    publishers = PublisherMonitor(listener, {COMMAND: subscription})
+    ros.publisher(controller, COMMAND)
+    pair.until(lambda: subscription.get_publisher_count() == 1)
+    publishers.update()
+    assert publishers.add_warnings(WELL) is WELL
+    foreign = ros.publisher(intruder, COMMAND)
+    pair.until(lambda: publishers.add_warnings(WELL) is not WELL)
+    warning = publishers.add_warnings(WELL)
+    expected = '2 publishers of /car1/controller/command (/car1/controller, /car1/intruder)'
+    assert (warning.level, warning.message.startswith(expected)) == (WARN, True)
+    publishers.update()  # no change: no second line
+    assert capfd.readouterr().err.count(expected) == 1
+    worse = publishers.add_warnings(WELL._replace(level=ERROR, message='braking'))
+    assert (worse.level, worse.message.startswith('braking; 2 publishers')) == (ERROR, True)
+    intruder.destroy_publisher(foreign)
+    pair.until(lambda: publishers.add_warnings(WELL) is WELL)
+    assert '1 publisher of /car1/controller/command again' in capfd.readouterr().err

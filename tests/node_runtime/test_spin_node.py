@@ -3,111 +3,15 @@
 import os
 import signal
 import time
+from typing import NamedTuple
 
 import pytest
 
 from node_runtime import shutdown
 
-
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_node_cleanly(run, number):
-    node = run()
-    node.until('tick')
-    begin = time.monotonic()
-    node.popen.send_signal(number)
-    code, _, err = node.result()
-    assert (code, err) == (0, '')
-    assert time.monotonic() - begin < 5.0
-
-
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_does_not_interrupt_a_callback(run, number):
-    node = run(tick="__import__('time').sleep(1.0); print('whole', flush=True)")
-    node.until('tick')
-    node.popen.send_signal(number)
-    node.popen.send_signal(number)  # a terminal and a supervisor may both send it
-    code, out, err = node.result()
-    assert (code, err) == (0, '')
-    assert 'whole' in out
-
-
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_interrupts_the_construction_of_a_node(run, number):
-    node = run(start="__import__('time').sleep(60)")
-    node.until('gain')
-    begin = time.monotonic()
-    node.popen.send_signal(number)
-    code, out, err = node.result()
-    assert (code, err) == (0, '')
-    assert 'tick' not in out
-    assert time.monotonic() - begin < 5.0
-
-
-def test_a_signal_keeps_the_exit_code_that_the_node_has_set(run):
-    node = run(tick='self.exit_code = 5')
-    node.until('tick')
-    node.popen.send_signal(signal.SIGTERM)
-    assert node.result()[0] == 5
-
-
-def test_a_node_that_finishes_ends_with_its_code_and_at_once(run):
-    node = run(tick='spin_node.finish(self, 3)')
-    code, out, err = node.result()
-    assert (code, err) == (3, '')
-    assert out.count('tick') == 1
-
-
-def test_a_node_may_finish_before_it_spins(run):
-    code, out, _ = run(start='spin_node.finish(self, 4)').result()
-    assert code == 4
-    assert 'tick' not in out
-
-
-def test_an_error_in_a_callback_ends_the_node_and_is_shown(run):
-    code, _, err = run(tick='1 / 0').result()
-    assert code == 1
-    assert 'ZeroDivisionError' in err
-
-
 HELD = "__import__('ctypes').PyDLL(None).sleep(60)"
-
-
-@pytest.mark.parametrize(
-    ('tick', 'code'), [('spin_node.finish(self, 3)', 3), ('1 / 0', 1), ('self.exit_code = 5', 5)]
-)
-def test_a_node_ends_with_its_code_even_if_the_middleware_hangs(run, tick, code):
-    node = run(tick=tick, destroy=HELD)
-    node.until('tick')
-    begin = time.monotonic()
-    node.popen.send_signal(signal.SIGINT)
-    exit_code, out, err = node.result()
-    assert exit_code == code
-    assert 'close' in out
-    assert shutdown.TRACEBACK_START in err
-    assert 'in destroy_node' in err
-    assert time.monotonic() - begin < 12.0
-
-
-def test_closing_a_node_has_no_time_limit(run):
-    node = run(close="__import__('time').sleep(4.0); self.exit_code = 6")
-    node.until('tick')
-    node.popen.send_signal(signal.SIGINT)
-    code, out, err = node.result()
-    assert (code, err) == (6, '')
-    assert out.count('close') == 1
-
-
-@pytest.mark.parametrize('destroy', ['pass', HELD])
-def test_an_error_in_close_ends_the_node_with_an_error(run, destroy):
-    node = run(close='1 / 0', destroy=f"print('leaves', flush=True); {destroy}")
-    node.until('tick')
-    node.popen.send_signal(signal.SIGINT)
-    code, out, err = node.result()
-    assert code == 1
-    assert 'ZeroDivisionError' in err
-    assert 'leaves' in out
-
-
+SLEEP = "__import__('time').sleep"
+REFUSED = "raise __import__('node_runtime.parameters').parameters.ParameterError('gain: no')"
 HALF_MADE = f"""
         class Held:
             def __del__(self):
@@ -116,30 +20,82 @@ HALF_MADE = f"""
         self.held = Held()
         print('half', flush=True)
         """
+INT, TERM = signal.SIGINT, signal.SIGTERM
 
 
-@pytest.mark.parametrize(
-    ('start', 'code', 'error'),
-    [
-        ('1 / 0', 1, 'ZeroDivisionError'),
-        (
-            "raise __import__('node_runtime.parameters').parameters.ParameterError('gain: no')",
-            os.EX_CONFIG,
-            'gain: no',
-        ),
-        ("__import__('time').sleep(60)", 0, ''),
-    ],
-)
-def test_a_half_constructed_node_ends_with_its_code(run, start, code, error):
-    node = run(start=HALF_MADE + start)
-    node.until('half')
-    if not error:
-        node.popen.send_signal(signal.SIGINT)
-    exit_code, out, err = node.result()
-    assert exit_code == code
-    assert error in err
-    assert shutdown.TRACEBACK_START in err
-    assert 'freed' in out
+class End(NamedTuple):
+    """The code of a node, when which signals are sent, and how it ends."""
+
+    own: dict[str, str]  # at start, tick, close and destroy
+    signals: tuple[int, ...] = ()
+    after: str = 'tick'  # what it says before they are sent
+    code: int = 0
+    error: str = ''  # in its errors; '' for none at all
+    says: str = ''
+    never: str = 'nothing'
+    within_s: float = 60.0  # what does not end by itself says so in its errors
+
+
+FINISH = 'spin_node.finish(self, 3)'
+ZERO = 'ZeroDivisionError'
+HANGS = {'error': shutdown.TRACEBACK_START, 'within_s': 12.0}
+ENDS = {
+    'a signal': End({}, (INT,)),
+    # a terminal and a supervisor may both send it
+    'SIGINT in a callback': End(
+        {'tick': f"{SLEEP}(1.0); print('whole')"}, (INT, INT), says='whole'
+    ),
+    'SIGTERM in a callback': End({'tick': f"{SLEEP}(1.0); print('whole')"}, (TERM,), says='whole'),
+    'SIGINT at the start': End({'start': f'{SLEEP}(60)'}, (INT,), 'gain', never='tick'),
+    'SIGTERM at the start': End({'start': f'{SLEEP}(60)'}, (TERM,), 'gain', never='tick'),
+    'its own code': End({'tick': 'self.exit_code = 5'}, (TERM,), code=5),
+    'it finishes': End({'tick': FINISH}, code=3, says='close', never='tick\ntick'),
+    'it finishes at the start': End({'start': FINISH}, after='gain', code=3, never='tick'),
+    'an error': End({'tick': '1 / 0'}, code=1, error=ZERO, says='close'),
+    'it finishes and hangs': End({'tick': FINISH, 'destroy': HELD}, code=3, says='close', **HANGS),
+    'an error and it hangs': End({'tick': '1 / 0', 'destroy': HELD}, code=1, says='close', **HANGS),
+    'its own code and it hangs': End(
+        {'tick': 'self.exit_code = 5', 'destroy': HELD}, (INT,), code=5, says='close', **HANGS
+    ),
+    'a long close': End(
+        {'close': f'{SLEEP}(4.5); self.exit_code = 6'}, (INT,), code=6, says='close'
+    ),
+    'an error in close': End({'close': '1 / 0'}, (INT,), code=1, error=ZERO),
+    'an error in close and it hangs': End(
+        {'close': '1 / 0', 'destroy': f"print('leaves', flush=True); {HELD}"},
+        (INT,),
+        code=1,
+        error=ZERO,
+        says='leaves',
+        within_s=12.0,
+    ),
+    'an error at the start and it hangs': End(
+        {'start': f'{HALF_MADE}1 / 0'}, after='half', code=1, says='freed', **HANGS
+    ),
+    'a wrong parameter at the start and it hangs': End(
+        {'start': HALF_MADE + REFUSED}, after='half', code=os.EX_CONFIG, says='freed', **HANGS
+    ),
+    'a signal at the start and it hangs': End(
+        {'start': f'{HALF_MADE}{SLEEP}(60)'}, (INT,), 'half', says='freed', **HANGS
+    ),
+}
+
+
+@pytest.mark.parametrize('case', ENDS)
+def test_a_node_ends_in_bounded_time_with_its_code(run, case):
+    end = ENDS[case]
+    node = run(**end.own)
+    node.until(end.after)
+    begin = time.monotonic()
+    for number in end.signals:
+        node.popen.send_signal(number)
+    code, out, err = node.result()
+    assert code == end.code
+    assert end.error in err if end.error else err == ''
+    assert end.says in out
+    assert end.never not in out
+    assert out.count('close') <= 1
+    assert time.monotonic() - begin < end.within_s
 
 
 EARS = """
@@ -173,30 +129,101 @@ def test_a_node_receives_nothing_while_it_shuts_down(run, tmp_path):
 @pytest.mark.parametrize(
     ('arguments', 'error'),
     [
-        (['-p', 'gian:=1.0'], "gian: this node has no such parameter; did you mean 'gain'?"),
         (['-p', 'gain:=10'], 'gain: is 10; allowed 0 to 9 N'),
-        (['-p', 'gain:=many'], "gain: must be a number, is 'many'; allowed 0 to 9 N"),
-        (['-p', 'mode:=fast'], "mode: is 'fast'; allowed lockstep or realtime"),
         (['-p', 'gain'], "Couldn't parse parameter override rule"),
         (['--params-file', '/nowhere.yaml'], "Couldn't parse params file"),
+        (
+            ['--params-file', '{file}'],
+            "gainn: this node has no such parameter; did you mean 'gain'",
+        ),
     ],
 )
-def test_a_wrong_command_line_is_one_clear_message_and_no_start(run, arguments, error):
-    code, out, err = run('--ros-args', *arguments).result()
+def test_a_wrong_command_line_is_one_clear_message_and_no_start(run, tmp_path, arguments, error):
+    file = tmp_path / 'mine.yaml'
+    file.write_text('test_node:\n  ros__parameters:\n    gainn: 3.0\n')
+    words = [word.format(file=file) for word in arguments]
+    code, out, err = run('--ros-args', *words).result()
     assert code == os.EX_CONFIG
     assert error in err
     assert 'Traceback' not in err
     assert 'gain' not in out
 
 
-def test_a_typo_in_a_parameter_file_stops_the_node(run, tmp_path):
-    file = tmp_path / 'mine.yaml'
-    file.write_text('test_node:\n  ros__parameters:\n    gainn: 3.0\n')
-    code, _, err = run('--ros-args', '--params-file', str(file)).result()
-    assert code == os.EX_CONFIG
-    assert "gainn: this node has no such parameter; did you mean 'gain'?" in err
-
-
 def test_parameters_come_from_the_command_line(run):
     node = run('--ros-args', '-p', 'gain:=1', '-p', 'use_sim_time:=true')
     assert node.until('gain') == 'gain 1.0'
+
+
+RECEIVER = """
+import sys, time
+from rclpy.node import Node
+from msgs_yaml import decode
+from node_runtime import ros, spin_node
+
+class Receiver(Node):
+    def __init__(self):
+        super().__init__('receiver')
+        self.declare_parameter('mode', 'lockstep')
+        self.stamps = []
+        ros.subscribe(self, '/vehicle/imu', self.on_imu, raw=True)
+        print('ready', flush=True)
+
+    def on_imu(self, raw):
+        self.stamps.append(decode.stamp_ns_of(raw))
+        if len(self.stamps) == 1:
+            time.sleep({stall_s})
+        if self.stamps[-1] == {last}:
+            print('in order', self.stamps == list(range(1, {last} + 1)), flush=True)
+            spin_node.finish(self)
+
+sys.exit(spin_node.spin(Receiver))
+"""
+
+
+@pytest.fixture
+def connect(tmp_path, start_process, run):
+    """Return connect(last, stall_s, fast): a receiver that stalls, and what sends to it."""
+
+    def start(last, stall_s, fast):
+        script = tmp_path / 'receiver.py'
+        script.write_text(RECEIVER.format(last=last, stall_s=stall_s))
+        receiver = start_process(script)
+        receiver.until('ready')
+        message = 'Imu(k, 0.0, 0.0, 0.0)'
+        sending = (
+            f'self.fast.publish({message})' if fast else f'self.imu.publish(encode.imu({message}))'
+        )
+        sender = run(
+            start="self.fast = ros.TemplatePublisher(self, '/vehicle/imu')" if fast else '',
+            tick='if self.imu.get_subscription_count():\n'
+            f'            for k in range(1, {last} + 1):\n'
+            f'                {sending}\n'
+            '            spin_node.finish(self)\n',
+        )
+        return receiver, sender
+
+    return start
+
+
+@pytest.mark.parametrize(
+    ('last', 'stall_s', 'fast'),
+    [
+        # more than the receiver's queue holds: the rest waits in the sender, for longer than two
+        # seconds, as a message that is lost on its way
+        (7_000, 2.5, False),
+        # more than the queues of both sides hold: lockstep waits for the subscriber
+        (11_500, 2.0, True),
+    ],
+)
+def test_the_last_messages_of_a_node_arrive(connect, last, stall_s, fast):
+    receiver, sender = connect(last, stall_s, fast)
+    assert receiver.until('in order') == 'in order True'
+    assert (receiver.result()[0], sender.result()[0]) == (0, 0)
+
+
+def test_a_signal_ends_a_node_that_waits_for_a_full_queue(connect):
+    _, sender = connect(30_000, 60.0, True)
+    sender.until('tick')
+    time.sleep(2.0)
+    sender.popen.send_signal(signal.SIGTERM)
+    assert sender.result()[0] == 0  # not 1, as after the 30 s that it waits for a dead process

@@ -1,8 +1,10 @@
-"""Installed packages, outside of the repository: the node graph drives."""
+"""What pip and colcon install, outside of the repository: files, commands, nodes that drive."""
 
+import importlib.util
 import json
 import os
 import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -10,58 +12,25 @@ import pytest
 from installation import PACKAGES, ROOT, environment, run_checked
 from packaging.utils import parse_wheel_filename
 
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(1200, func_only=True)]
+MANIFESTS = [
+    *('*/setup.*', '*/package.xml', '*/scripts/*', '*/resource/*', 'requirements*'),
+    *('tests/packaging/*', 'tests/helpers/installation.py', '*/share.py'),
+]
+builds = [
+    pytest.mark.slow,
+    pytest.mark.timeout(1200, func_only=True),
+    pytest.mark.reads(*MANIFESTS),
+]
+EXECUTABLES = {
+    'scenario_publisher': ('scenario_node',),
+    'mpcc_controller': ('controller_node', 'mpcc_node', 'frenet_node'),
+    'vehicle_plant': ('plant_node', 'identify', 'manoeuvre'),
+    'bags': ('markers_node', 'player_node', 'recorder_node', 'bags'),
+    'experiments': ('experiments',),
+}
 WHERE = f'import {", ".join(PACKAGES)}; print(*(p.__file__ for p in ({", ".join(PACKAGES)})))'
-RESOLVED = (
-    'from msgs_yaml import share; print(share.node_command("vehicle_plant", "plant_node")[0])'
-)
 # the begin of a straight road: a second and a half
-SHORT = (
-    *('straight', '--set', 'plant.stop.x_m=22.0'),
-    *('--set', 'plant.stop.armed_after_m=1.0'),
-)
-
-
-def check_drive(experiments, bags, folder, sourced):
-    """Drive with an installed `experiments run` and look at what it left."""
-    run_checked([experiments, 'run', *SHORT], cwd=folder, env=sourced)
-    out = folder / 'bags/runs/straight'
-    found = json.loads((out / 'comparison.json').read_text())['runs']['mpcc']
-    assert found['ticks'] > 20
-    assert found['fallbacks'] == 0
-    assert (out / 'report.html').is_file()
-    info = run_checked([bags, 'info', out / 'mpcc'], cwd=folder, env=sourced)
-    assert '/controller/command' in info
-
-
-def check_place(python, prefix, folder, sourced):
-    """Every package and every node comes from below one folder, and so not from here."""
-    files = run_checked([python, '-c', WHERE], cwd=folder, env=sourced).split()
-    node = run_checked([python, '-c', RESOLVED], cwd=folder, env=sourced).strip()
-    assert len(files) == len(PACKAGES)
-    for file in (*files, node):
-        assert Path(prefix) in Path(file).parents, file
-
-
-def test_an_environment_of_the_requirements_holds_none_of_our_packages(empty):
-    ours = f'import importlib.util as u; print([n for n in {PACKAGES} if u.find_spec(n)])'
-    assert run_checked([empty, '-c', ours], cwd='/', env=environment()).strip() == '[]'
-
-
-def test_there_is_a_wheel_of_every_package_for_every_python(wheels):
-    names = [parse_wheel_filename(wheel.name) for wheel in wheels]
-    assert sorted(name for name, *_ in names) == sorted(n.replace('_', '-') for n in PACKAGES)
-    assert {str(tag) for *_, tags in names for tag in tags} == {'py3-none-any'}
-
-
-@pytest.mark.parametrize('package', PACKAGES)
-def test_a_wheel_holds_the_licence_and_every_file_of_its_package(wheels, package):
-    (wheel,) = (wheel for wheel in wheels if wheel.name.startswith(f'{package}-'))
-    inside = {Path(name).name for name in zipfile.ZipFile(wheel).namelist()}
-    data = {path.name for path in files_to_install(package)}
-    assert 'LICENSE' in inside
-    assert data
-    assert data <= inside
+SHORT = ('straight', '--set', 'plant.stop.x_m=22.0', '--set', 'plant.stop.armed_after_m=1.0')
 
 
 def files_to_install(package):
@@ -74,27 +43,75 @@ def files_to_install(package):
                 yield path
 
 
-def test_a_ring_drives_from_wheels_in_an_empty_environment(installed, tmp_path):
-    prefix = installed.parents[1]
-    check_place(installed, prefix, tmp_path, environment())
-    check_drive(prefix / 'bin/experiments', prefix / 'bin/bags', tmp_path, environment())
+def check_share(prefix):
+    """Both ways to install put what `ros2 run` and `share` look for at the same places."""
+    for package in {*PACKAGES} & {path.name for path in (prefix / 'share').iterdir()}:
+        assert (prefix / 'share/ament_index/resource_index/packages' / package).exists()
+        for path in files_to_install(package):
+            folder, *names = path.relative_to(ROOT / package).parts
+            if folder not in (package, 'resource', 'scripts'):
+                assert prefix.joinpath('share', package, folder, *names).exists(), path
+        for name in EXECUTABLES.get(package, ()):
+            assert os.access(prefix / 'lib' / package / name, os.X_OK), name
 
 
-def test_a_command_that_lacks_a_package_says_how_to_get_it(installed, tmp_path):
-    program = installed.with_name('experiments')
-    tune = [program, 'tune', 'mpcc', '--trials', '1', '1', '--out', tmp_path / 'tuning']
-    done = subprocess.run(tune, env=environment(), capture_output=True, text=True, timeout=240)
-    assert done.returncode == 1
-    assert done.stderr == (
-        'error: experiments needs optuna for this: `make studies`, or pip, installs it\n'
-    )
+def check_drive(python, prefix, commands, folder, sourced):
+    """Drive with what is installed below a prefix, and not with what is here."""
+    files = run_checked([python, '-c', WHERE], cwd=folder, env=sourced).split()
+    assert len(files) == len(PACKAGES)
+    for file in files:
+        assert prefix in Path(file).parents, file
+    experiments, bags = (commands(name) for name in ('experiments', 'bags'))
+    run_checked([experiments, 'run', *SHORT], cwd=folder, env=sourced)
+    out = folder / 'bags/runs/straight'
+    metrics = json.loads((out / 'comparison.json').read_text())['runs']['mpcc']
+    assert metrics['ticks'] > 20
+    assert metrics['fallbacks'] == 0
+    assert (out / 'report.html').is_file()
+    info = run_checked([bags, 'info', out / 'mpcc'], cwd=folder, env=sourced)
+    assert '/controller/command' in info
 
 
-def test_a_ring_drives_from_what_colcon_installs(colcon, empty, tmp_path):
-    here = [Path(p) for p in colcon['AMENT_PREFIX_PATH'].split(os.pathsep)]
-    experiments, bags = (
-        next(p for p in here if (p / f'lib/{name}').exists()) / f'lib/{name}/{name}'
-        for name in ('experiments', 'bags')
-    )
-    check_place(empty, bags.parents[3], tmp_path, colcon)
-    check_drive(experiments, bags, tmp_path, colcon)
+def test_pip_installs_every_executable():
+    prefix = Path(sys.prefix)
+    for package, names in EXECUTABLES.items():
+        assert importlib.util.find_spec(package)
+        for name in names:
+            assert os.access(prefix / 'lib' / package / name, os.X_OK), name
+
+
+class TestBuilds:
+    """Wheels and a workspace of colcon."""
+
+    pytestmark = builds
+
+    def test_a_wheel_holds_licence_data_and_programs_for_every_python(self, wheels):
+        names = [parse_wheel_filename(wheel.name) for wheel in wheels]
+        assert sorted(name for name, *_ in names) == sorted(n.replace('_', '-') for n in PACKAGES)
+        assert {str(tag) for *_, tags in names for tag in tags} == {'py3-none-any'}
+        for package in PACKAGES:
+            (wheel,) = (wheel for wheel in wheels if wheel.name.startswith(f'{package}-'))
+            inside = {Path(name).name for name in zipfile.ZipFile(wheel).namelist()}
+            data = {'LICENSE', *(path.name for path in files_to_install(package))}
+            assert len(data) > 3
+            assert data <= inside
+
+    def test_wheels_drive_in_an_environment_with_what_make_demo_installs(self, installed, tmp_path):
+        prefix = installed.parents[1]
+        check_share(prefix)
+        check_drive(installed, prefix, installed.with_name, tmp_path, environment())
+        tune = [installed.with_name('experiments'), 'tune', 'mpcc', '--out', tmp_path / 'tuning']
+        done = subprocess.run(tune, env=environment(), capture_output=True, text=True, timeout=240)
+        assert done.returncode == 1
+        assert done.stderr == (
+            'error: experiments needs optuna for this: `make studies`, or pip, installs it\n'
+        )
+
+    def test_what_colcon_installs_drives(self, colcon, empty, tmp_path):
+        prefixes = [Path(path) for path in colcon['AMENT_PREFIX_PATH'].split(os.pathsep)]
+        mine = {path.name: path for path in prefixes if path.name in PACKAGES}
+        assert mine.keys() == {*PACKAGES}
+        for prefix in mine.values():
+            check_share(prefix)
+        base = mine['bags'].parent
+        check_drive(empty, base, lambda name: mine[name] / f'lib/{name}/{name}', tmp_path, colcon)

@@ -1,14 +1,22 @@
-"""package.xml and setup.cfg name everything that a package and its launch files import."""
+"""Manifests name what is imported; versions, licences and change logs are as ROS reads them."""
 
 import ast
+import importlib.metadata as metadata
+import importlib.util
+import os
 import re
+import shutil
 import sys
-import xml.etree.ElementTree as ElementTree
 
 import pytest
+from catkin_pkg.changelog import get_changelog_from_path
+from catkin_pkg.changelog_generator import FORTHCOMING_LABEL
+from catkin_pkg.package import parse_package
 from installation import PACKAGES, ROOT
 from setuptools.config.setupcfg import read_configuration
 
+# of catkin_pkg, which docutils warns
+pytestmark = pytest.mark.filterwarnings('ignore:nodes.Node.traverse')
 # rosdep keys of modules that do not come with a ROS package; None: there is no key, pip installs it
 ROSDEP_KEYS = {
     'bokeh': 'python3-bokeh-pip',
@@ -31,87 +39,149 @@ ROSDEP_KEYS = {
     'zstandard': None,
 }
 # where the name differs
-DISTRIBUTIONS = {
-    'PIL': 'pillow',
-    'sklearn': 'scikit-learn',
-    'yaml': 'pyyaml',
+DISTRIBUTIONS = {'PIL': 'pillow', 'sklearn': 'scikit-learn', 'yaml': 'pyyaml'}
+# modules that a package does without: an extra of its setup.cfg installs them
+OPTIONAL = {
+    'vehicle_plant': {'vehiclemodels': 'commonroad-vehicle-models'},
+    'bags': {'pandas': 'pandas'},
 }
-# modules that a package does without, by the distribution that an extra of its setup.cfg installs
-OPTIONAL = {'vehiclemodels': 'commonroad-vehicle-models'}
-# packages that do without a module which others need, by package
-OPTIONAL_FOR = {'bags': {'pandas': 'pandas'}}
-NOT_IMPORTED = {'ros2launch'}  # the command that finds the launch files
+LAUNCH = {'launch', 'launch_ros', 'ros2launch'}  # the last one is the command
+SCHEMA = 'http://download.ros.org/schema/package_format3.xsd'
+RELEASED = '# Changelog\n\n## 1.2.0 (2026-01-31)\n\n- It drives.\n'
+NEXT = '# Changelog\n\n## 1.3.0 (unreleased)\n\n- It brakes.\n\n## 1.2.0 (2026-01-31)\n'
+
+
+def load_tool():
+    spec = importlib.util.spec_from_file_location('set_version', ROOT / '.ci/set_version.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+set_version = load_tool()
 
 
 def imports(package):
-    """Return the modules outside of this package and of Python that its files need."""
-    return all_imports(package) - set(optional_for(package))
-
-
-def optional_for(package):
-    return OPTIONAL | OPTIONAL_FOR.get(package, {})
-
-
-def all_imports(package):
+    """Return the modules outside of this package and of Python that its files import."""
     folder = ROOT / package
-    found = set()
+    modules = set()
     for path in (*(folder / package).rglob('*.py'), *(folder / 'launch').glob('*.py')):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Import):
-                found.update(alias.name.split('.')[0] for alias in node.names)
-            elif isinstance(node, ast.ImportFrom) and node.level == 0:
-                found.add(node.module.split('.')[0])
-    return found - set(sys.stdlib_module_names) - {package}
+                modules.update(alias.name.split('.')[0] for alias in node.names)
+            elif isinstance(node, ast.ImportFrom):
+                modules.add(node.module.split('.')[0])
+    return modules - set(sys.stdlib_module_names) - {package}
 
 
-def run_dependencies(package):
-    manifest = ElementTree.parse(ROOT / package / 'package.xml').getroot()
-    return {tag.text for kind in ('depend', 'exec_depend') for tag in manifest.iter(kind)}
-
-
-@pytest.mark.parametrize('package', PACKAGES)
-def test_the_manifest_names_what_is_imported_and_nothing_else(package):
-    keys = {ROSDEP_KEYS.get(module, module) for module in imports(package)} - {None}
-    assert run_dependencies(package) - NOT_IMPORTED == keys
+def options(package):
+    return read_configuration(ROOT / package / 'setup.cfg')['options']
 
 
 @pytest.mark.parametrize('package', PACKAGES)
-def test_the_manifest_says_which_imports_have_no_key(package):
+def test_manifest_and_setup_name_what_is_imported_and_nothing_else(package):
+    optional = OPTIONAL.get(package, {})
+    modules = imports(package)
+    assert optional.keys() <= modules
+    modules -= optional.keys()
+    manifest = parse_package(str(ROOT / package))
+    depends = {dependency.name for dependency in manifest.exec_depends}
+    with_launch = LAUNCH if (ROOT / package / 'launch').exists() else set()
+    assert depends == {ROSDEP_KEYS.get(m, m) for m in modules} - {None} | with_launch
+
     text = (ROOT / package / 'package.xml').read_text()
     comments = ''.join(re.findall('<!--(.*?)-->', text, re.S))
-    without_key = {module for module in imports(package) if ROSDEP_KEYS.get(module, '') is None}
-    for module in without_key:
-        assert re.search(rf'\b{DISTRIBUTIONS.get(module, module)}\b', comments), module
+    (by_hand,) = re.findall('^pip install (.*)$', ubuntu(), re.M)
+    for module in (m for m in modules if ROSDEP_KEYS.get(m, '') is None):
+        name = DISTRIBUTIONS.get(module, module)
+        assert re.search(rf'\b{name}\b', comments), 'a comment says what has no key'
+        assert name in by_hand.split(), 'the guide for Ubuntu installs what has no key'
+
+    setup = options(package)
+    required = {re.match(r'[\w-]+', entry).group() for entry in setup['install_requires']}
+    outside = {DISTRIBUTIONS.get(m, m) for m in modules & ROSDEP_KEYS.keys()}
+    assert required - {'setuptools'} == outside
+    offered = {entry for entries in setup['extras_require'].values() for entry in entries}
+    assert {*optional.values()} <= offered <= {*optional.values(), 'pytest', *ros_wheels()}
 
 
-def test_what_pip_installs_for_want_of_a_key_is_in_the_installation_for_ubuntu():
-    (line,) = re.findall('^pip install (.*)$', (ROOT / 'docs/howto/ubuntu.md').read_text(), re.M)[
-        :1
-    ]
-    by_hand = {module for package in PACKAGES for module in imports(package)}
-    for module in by_hand & {name for name, key in ROSDEP_KEYS.items() if key is None}:
-        assert DISTRIBUTIONS.get(module, module) in line.split(), module
+def ubuntu():
+    return (ROOT / 'docs/howto/ubuntu.md').read_text().replace('\\\n', ' ')
+
+
+def ros_wheels():
+    return re.findall('^ros-.*$', (ROOT / 'requirements.in').read_text(), re.M)
+
+
+def test_the_extra_installs_the_ros_that_the_tests_use():
+    assert options('node_runtime')['extras_require']['ros'] == ros_wheels()
+
+
+@pytest.mark.parametrize('file', [*ROOT.glob('requirements*.txt'), ROOT / 'docs/requirements.txt'])
+def test_every_requirement_has_one_version(file):
+    lines = [line for line in file.read_text().splitlines() if not line.startswith('#')]
+    assert lines
+    assert [line for line in lines if not re.match(r'[\w.\[\]-]+==[\w.!+]+( ;|$)', line)] == []
 
 
 @pytest.mark.parametrize('package', PACKAGES)
-def test_setup_names_every_import_that_pip_installs(package):
-    required = read_configuration(ROOT / package / 'setup.cfg')['options']['install_requires']
-    installed = {re.match(r'[\w-]+', entry).group() for entry in required} - {'setuptools'}
-    outside = imports(package) & set(ROSDEP_KEYS)
-    assert installed == {DISTRIBUTIONS.get(module, module) for module in outside}
+def test_the_manifest_is_valid_and_agrees_with_setup_and_installation(package):
+    warnings = []
+    manifest = parse_package(str(ROOT / package), warnings=warnings)
+    manifest.validate(warnings=warnings)
+    assert warnings == []
+    # for xmllint, which is told by this line where the schema is
+    assert f'<?xml-model href="{SCHEMA}"' in (ROOT / package / 'package.xml').read_text()
+    setup = read_configuration(ROOT / package / 'setup.cfg')
+    names = (setup['metadata']['name'], setup['metadata']['version'], setup['metadata']['license'])
+    assert names == (package, metadata.version(package), 'Apache-2.0')
+    assert (manifest.name, manifest.version, *manifest.licenses) == names
+    assert manifest.get_build_type() == 'ament_python'
+    assert (ROOT / package / 'LICENSE').read_text() == (ROOT / 'LICENSE').read_text()
+    lines = setup['options'].get('entry_points', {}).get('console_scripts', ())
+    programs = {file.name: file for file in (ROOT / package).glob('scripts/*')}
+    assert {line.split(' = ')[0] for line in lines} == programs.keys()
+    assert all(os.access(file, os.X_OK) for file in programs.values())
 
 
-@pytest.mark.parametrize('package', PACKAGES)
-def test_an_extra_installs_each_optional_import(package):
-    extras = read_configuration(ROOT / package / 'setup.cfg')['options']['extras_require']
-    offered = {entry for entries in extras.values() for entry in entries}
-    known = optional_for(package)
-    optional = all_imports(package) & set(known)
-    assert {known[module] for module in optional} == offered & set(known.values())
+@pytest.fixture
+def copies(tmp_path):
+    """A folder with copies of the files that hold a version."""
+    for name in ('package.xml', 'setup.cfg', 'CHANGELOG.rst'):
+        for path in ROOT.glob(f'*/{name}'):
+            (tmp_path / path.parent.name).mkdir(exist_ok=True)
+            shutil.copy(path, tmp_path / path.parent.name)
+    shutil.copy(ROOT / 'CITATION.cff', tmp_path)
+    return tmp_path
 
 
-def test_a_package_with_launch_files_depends_on_what_starts_them():
-    with_files = [package for package in PACKAGES if list((ROOT / package).glob('launch/*'))]
-    assert with_files
-    for package in with_files:
-        assert run_dependencies(package) >= {'launch', 'launch_ros', 'ros2launch'}
+def test_every_file_has_the_version_of_the_change_log():
+    assert set_version.changed(ROOT) == {}, 'make version'
+
+
+def test_a_release_and_the_work_after_it_have_their_versions(copies):
+    for changelog, version, is_released in ((RELEASED, '1.2.0', True), (NEXT, '1.3.0', False)):
+        (copies / 'CHANGELOG.md').write_text(changelog)
+        for path, text in set_version.changed(copies).items():
+            path.write_text(text)
+        assert set_version.changed(copies) == {}
+        for package in PACKAGES:
+            folder = copies / package
+            assert parse_package(str(folder)).version == version
+            setup = read_configuration(folder / 'setup.cfg')['metadata']
+            assert setup['version'] == version
+            log = get_changelog_from_path(str(folder), package)
+            assert [entry[0] for entry in log.foreach_version()] == ['1.2.0']
+            assert log.get_content_of_version('1.2.0')
+            assert log.get_date_of_version('1.2.0').date().isoformat() == '2026-01-31'
+            forthcoming = f'\n{FORTHCOMING_LABEL}\n---' in (folder / 'CHANGELOG.rst').read_text()
+            assert forthcoming != is_released
+        citation = (copies / 'CITATION.cff').read_text()
+        assert f'version: {version}\n' in citation
+        assert ('date-released: 2026-01-31\n' in citation) == is_released
+
+
+@pytest.mark.parametrize('text', ['# Changelog\n', '## 1.2.0 (soon)\n', '## 1.2 (unreleased)\n'])
+def test_a_change_log_without_a_version_is_refused(text):
+    with pytest.raises(ValueError, match=r'1\.2\.3|isoformat'):
+        set_version.newest(text)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from scenario_publisher import actors, advice, scenario
+from scenario_publisher import advice, scenario
 
 HORIZON_S = 2.5
 BEND = 100.0  # m, radius; the road is straight for 40 m and bends then
@@ -48,11 +48,6 @@ def mover(station=20.0, offset=0.0, **keys):
     return {'station_m': station, 'offset_m': offset, 'radius_m': 0.5, **keys}
 
 
-@pytest.mark.parametrize('name', scenario.available())
-def test_no_shipped_scenario_gets_advice(name):
-    assert find_advice(scenario.load(name), HORIZON_S) == []
-
-
 def test_a_path_that_ends_within_the_horizon_behind_the_finish_is_named_with_what_it_lacks():
     scn = load(stop={'progress_m': 160.0, 'time_s': 20.0})
     (text,) = find_advice(scn, HORIZON_S)
@@ -85,36 +80,6 @@ def test_an_obstacle_that_goes_straight_on_in_a_bend_is_named_with_the_time():
 )  # fmt: skip
 def test_obstacles_that_stay_or_cross_or_vanish_get_no_advice(obstacle):
     assert find_advice(load([obstacle]), HORIZON_S) == []
-
-
-def offset_from_arc(o):
-    """How far an obstacle on the arc is to the left of the centre line [m]."""
-    return BEND - np.hypot(o.X - 40.0, o.Y - BEND)
-
-
-@pytest.mark.parametrize(('along', 'across'), [(6.0, 0.0), (6.0, -0.3), (-6.0, 0.1)])
-def test_along_the_road_an_obstacle_keeps_its_offset_or_drifts(along, across):
-    station = 60.0 if along > 0.0 else 150.0
-    motion = {'along_mps': along, 'across_mps': across, 'motion': 'along_road'}
-    (actor,) = load([mover(station, 1.0, **motion)]).actors
-    for t in (0.0, 5.0, 10.0):
-        o = actors.obstacle_at(actor, t)
-        assert offset_from_arc(o) == pytest.approx(1.0 + across * t, abs=0.04)
-        assert np.hypot(o.vX, o.vY) == pytest.approx(np.hypot(along, across))
-    first, last = (actors.obstacle_at(actor, t) for t in (0.0, 10.0))
-    assert np.hypot(last.X - first.X, last.Y - first.Y) == pytest.approx(60.0, rel=0.03)
-
-
-def test_behind_the_end_of_the_road_an_obstacle_goes_straight_on():
-    (actor,) = load([mover(175.0, along_mps=5.0, motion='along_road')]).actors
-    a, b, c = (actors.obstacle_at(actor, t) for t in (2.0, 3.0, 4.0))
-    assert pytest.approx((c.X - b.X, c.Y - b.Y)) == (b.X - a.X, b.Y - a.Y)
-    assert (b.vX, b.vY) == pytest.approx((c.X - b.X, c.Y - b.Y))
-
-
-def test_another_motion_is_refused_with_those_allowed():
-    with pytest.raises(scenario.ScenarioError, match='allowed straight or along_road'):
-        load([mover(along_mps=5.0, motion='along')])
 
 
 GRIP, TIME = (

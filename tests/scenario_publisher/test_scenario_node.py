@@ -19,6 +19,8 @@ from scenario_publisher.scenario import START_NS
 pytestmark = pytest.mark.usefixtures('domain')
 PATIENCE_S = 60.0
 TICK_NS = 50_000_000
+PATH, EDGES = '/scenario/reference', '/scenario/road_edges'
+OBSTACLES = '/scenario/obstacles'
 
 
 @pytest.fixture(scope='module')
@@ -96,86 +98,65 @@ def runs(scenario_name, mode='lockstep'):
 
 
 def same(one, other):
-    return all(np.allclose(a, b, rtol=0, atol=1e-9) for a, b in zip(one, other))
-
-
-@runs('circle_20m')
-def test_who_comes_late_still_gets_path_and_edges(listener, node):
-    early = listener.hear('/scenario/reference')
-    listener.wait_until(lambda: early)
-    reference, edges = listener.hear('/scenario/reference'), listener.hear('/scenario/road_edges')
-    listener.wait_until(lambda: reference and edges)
-    wanted = scenario.load('circle_20m')
-    received = decode.reference(reference[0])
-    assert received.stamp_ns == START_NS
-    assert same(received[1:4], wanted.reference[1:4])
-    assert received.t == pytest.approx(wanted.reference.t, abs=1e-8)
-    assert same(decode.road_edges(edges[0]), wanted.edges)
+    return all(np.allclose(a, b, rtol=0, atol=1e-8) for a, b in zip(one, other))
 
 
 @runs('moving_obstacle')
-def test_every_instant_is_answered_with_obstacles_of_the_same_stamp(listener, node):
-    clock, received = listener.speak('/clock'), listener.hear('/scenario/obstacles')
+def test_road_and_obstacles_are_published_at_the_stamps_of_the_clock(listener, node):
+    scn = scenario.load('moving_obstacle')
+    early, health = listener.hear(PATH), listener.hear('/diagnostics')
+    listener.wait_until(lambda: early)
+    # who comes late still gets path and edges
+    road = {topic: listener.hear(topic) for topic in (PATH, EDGES)}
+    clock, received = listener.speak('/clock'), listener.hear(OBSTACLES)
     listener.tick_until_heard(clock, received)
-    stamps = [START_NS + k * TICK_NS for k in (1, 2, 3, 4, 5, 40, 120)]
-    for stamp_ns in stamps:
+    stamps = [START_NS + k * TICK_NS for k in (*range(1, 11), 40, 120)]
+    for k, stamp_ns in enumerate(stamps, 1):
         clock.publish(encode.clock(stamp_ns))
         listener.wait_until(
             lambda stamp_ns=stamp_ns: decode.obstacles(received[-1]).stamp_ns == stamp_ns
         )
+        # latched topics keep one message: hear each before it is replaced
+        count = 1 + min(k, 10) // 5 + max(k - 10, 0)
+        listener.wait_until(lambda count=count: all(len(road[t]) >= count for t in road))
     answers = [decode.obstacles(message) for message in received]
     after_start = [answer for answer in answers if answer.stamp_ns > START_NS]
     assert [answer.stamp_ns for answer in after_start] == stamps
-    assert [len(answer.items) for answer in after_start] == [1] * 6 + [2]
-    scn = scenario.load('moving_obstacle')
+    assert [len(answer.items) for answer in after_start] == [1] * 11 + [2]
     for answer in answers:
-        t = (answer.stamp_ns - START_NS) * 1e-9
-        wanted = scenario.obstacles_at(scn, t, answer.stamp_ns)
+        wanted = scenario.obstacles_at(scn, (answer.stamp_ns - START_NS) * 1e-9, answer.stamp_ns)
         assert all(same(a, b) for a, b in zip(answer.items, wanted.items))
+    # unchanged every 250 ms
+    paths, edges = map(decode.reference, road[PATH]), map(decode.road_edges, road[EDGES])
+    for values, wanted in ((list(paths), scn.reference), (list(edges), scn.edges)):
+        assert [value.stamp_ns for value in values] == [
+            START_NS,
+            *(stamps[k] for k in (4, 9, 10, 11)),
+        ]
+        assert all(same(value[1:], wanted[1:]) for value in values)
+    (status,) = decode.health(health[-1])
+    assert (status.name, status.level, status.values['obstacles']) == ('scenario', 0, 2)
+    code, output = stop(node)
+    assert code == 0
+    assert 'Traceback' not in output
 
 
-@runs('double_lane_change')
-def test_path_and_edges_are_repeated_unchanged_every_250_ms(listener, node):
-    reference, edges = listener.hear('/scenario/reference'), listener.hear('/scenario/road_edges')
-    clock, obstacles = listener.speak('/clock'), listener.hear('/scenario/obstacles')
-    listener.wait_until(lambda: reference and edges)
-    listener.tick_until_heard(clock, obstacles)
-    for k in range(1, 11):
-        clock.publish(encode.clock(START_NS + k * TICK_NS))
-        # latched topics keep one message: hear each before it is replaced
-        count = 1 + k // 5
-        listener.wait_until(lambda count=count: len(reference) >= count <= len(edges))
-    for received, read in ((reference, decode.reference), (edges, decode.road_edges)):
-        values = [read(message) for message in received]
-        assert [value.stamp_ns - START_NS for value in values] == [0, 5 * TICK_NS, 10 * TICK_NS]
-        assert all(same(value[1:], values[0][1:]) for value in values)
-
-
-@runs('double_lane_change')
+@runs('straight')
 def test_time_that_goes_on_without_a_listener_of_obstacles_is_answered(listener, node):
-    clock, edges = listener.speak('/clock'), listener.hear('/scenario/road_edges')
+    clock, edges = listener.speak('/clock'), listener.hear(EDGES)
     listener.wait_until(lambda: edges and clock.get_subscription_count())
     for k in range(6):  # of a controller that takes no notice of obstacles
         clock.publish(encode.clock(START_NS + k * TICK_NS))
     listener.wait_until(lambda: len(edges) > 1)
     assert decode.road_edges(edges[1]).stamp_ns == START_NS + 5 * TICK_NS
-
-
-@runs('straight')
-def test_road_without_obstacles_says_so_and_the_node_is_well(listener, node):
-    clock, obstacles = listener.speak('/clock'), listener.hear('/scenario/obstacles')
-    health = listener.hear('/diagnostics')
-    listener.tick_until_heard(clock, obstacles)
-    clock.publish(encode.clock(START_NS + 20 * TICK_NS))
-    listener.wait_until(lambda: health)
-    assert decode.obstacles(obstacles[0]).items == ()
-    (status,) = decode.health(health[-1])
-    assert (status.name, status.level, status.values['obstacles']) == ('scenario', 0, 0)
+    received = listener.hear(OBSTACLES)  # a road without obstacles says so
+    listener.wait_until(lambda: clock.publish(encode.clock(START_NS + 6 * TICK_NS)) or received)
+    assert decode.obstacles(received[0]).items == ()
 
 
 @runs('moving_obstacle', mode='realtime')
 def test_on_the_wall_clock_obstacles_move_once_the_vehicle_does(listener, node):
-    received = listener.hear('/scenario/obstacles', 'realtime')
+    received = listener.hear(OBSTACLES, 'realtime')
     starts, statuses = (
         listener.speak('/vehicle/run_start', 'realtime'),
         listener.hear('/diagnostics'),
@@ -202,38 +183,15 @@ def test_on_the_wall_clock_obstacles_move_once_the_vehicle_does(listener, node):
     assert np.median(np.diff(stamps)) * 1e-9 > 0.04
 
 
-@runs('straight')
-def test_sigterm_ends_the_node_with_success(listener, node):
-    reference = listener.hear('/scenario/reference')
-    listener.wait_until(lambda: reference)
-    code, output = stop(node)
-    assert code == 0
-    assert 'Traceback' not in output
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'message'),
-    [
-        (('-p', 'scenario:=nowhere'), "no scenario 'nowhere'; available: bend_inside_fast, bend"),
-        (
-            ('-p', 'scenario:=/tmp/no/where.yaml'),
-            "'/tmp/no/where.yaml': there is no folder /tmp/no",
-        ),
-        (('-p', 'mode:=fast'), 'lockstep or realtime'),
-        (('-p', 'scenari:=straight'), "did you mean 'scenario'"),
-    ],
-)
-def test_wrong_parameter_is_one_clear_line_and_a_failure(arguments, message):
-    _, output = (process := start(*arguments)).communicate(timeout=PATIENCE_S)
-    assert process.returncode not in (0, None)
-    assert message in output
-    assert 'Traceback' not in output
-
-
-def test_broken_scenario_is_one_clear_line_and_a_failure(tmp_path):
+def test_an_unknown_or_broken_scenario_is_one_clear_line_and_a_failure(tmp_path):
     broken = tmp_path / 'broken.yaml'
     broken.write_text(scenario.load('straight').text.replace('friction: 1.0', 'friction: 7'))
-    _, output = (process := start('-p', f'scenario:={broken}')).communicate(timeout=PATIENCE_S)
-    assert process.returncode not in (0, None)
-    assert f'{broken}:21: friction: is 7; allowed 0.05 to 1.5' in output
-    assert 'Traceback' not in output
+    wrong = {
+        'nowhere': "no scenario 'nowhere'; available: bend_inside_fast, bend",
+        str(broken): f'{broken}:21: friction: is 7; allowed 0.05 to 1.5',
+    }
+    for name, message in wrong.items():
+        _, output = (process := start('-p', f'scenario:={name}')).communicate(timeout=PATIENCE_S)
+        assert process.returncode not in (0, None)
+        assert message in output
+        assert 'Traceback' not in output

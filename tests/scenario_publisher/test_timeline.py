@@ -10,29 +10,26 @@ MOVING = scenario.load('moving_obstacle')
 MS = 1_000_000
 
 
-def test_beat_is_due_at_first_and_then_once_per_period():
+@pytest.mark.parametrize(
+    ('given_ms', 'due_ms'),
+    [
+        (range(0, 1001, 50), [0, 250, 500, 750, 1000]),
+        # a gap is followed by one beat, and then by the rate again
+        ([0, 1010, 1060, 1110, 1160, 1210, 1260, 1310, 1510], [0, 1010, 1260, 1510]),
+        # a repeated stamp is not repeated, a jump back is followed
+        ([700, 700, 0], [700, 0]),
+    ],
+)
+def test_a_beat_is_due_at_first_and_then_once_per_period(given_ms, due_ms):
     beat = RateLimiter(4.0)
-    due = [ms for ms in range(0, 1001, 50) if beat.is_due(START_NS + ms * MS)]
-    assert due == [0, 250, 500, 750, 1000]
+    assert [ms for ms in given_ms if beat.is_due(START_NS + ms * MS)] == due_ms
 
 
 def test_late_stamps_do_not_lower_the_rate():
     # a clock of 20 Hz whose stamps waver by 1 ms, for a minute: 4 Hz are 240 beats
     beat = RateLimiter(4.0)
     stamps = [START_NS + (tick * 50 + tick % 3 - 1) * MS for tick in range(1, 1201)]
-    due = [beat.is_due(stamp) for stamp in stamps]
-    assert sum(due) == 240
-
-
-def test_a_gap_is_followed_by_one_beat_and_then_by_the_rate_again():
-    beat = RateLimiter(4.0)
-    stamps = [0, 1010, 1060, 1110, 1160, 1210, 1260, 1310, 1510]
-    assert [ms for ms in stamps if beat.is_due(START_NS + ms * MS)] == [0, 1010, 1260, 1510]
-
-
-def test_beat_does_not_repeat_a_repeated_stamp_but_follows_a_jump_back():
-    beat = RateLimiter(4.0)
-    assert [beat.is_due(t) for t in (START_NS, START_NS, 0)] == [True, False, True]
+    assert sum(beat.is_due(stamp) for stamp in stamps) == 240
 
 
 def test_lockstep_counts_from_the_first_stamp_of_simulated_time():

@@ -1,24 +1,34 @@
 """C code is compiled once for all processes; what is damaged or missing is never loaded."""
 
 import ctypes
-import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 
+import numpy as np
 import pytest
 from capabilities import ORDINARY_USER
+from small_problems import slalom
 
 from stage_solver import compile_cache
+from stage_solver.compile_cache import CompileError
+from stage_solver.compiled_functions import BufferedFunction, compile_functions
 
 SOURCE = 'double twice(double x) { return 2.0 * x; }'
-FLAGS = ('-O2',)
-needs_compiler = pytest.mark.needs('compiler')
+PROGRAM = f"""
+from stage_solver import compile_cache
+print(compile_cache.compile_library({SOURCE!r}, 'twice', ('-O2',)), flush=True)
+"""
 
 
 @pytest.fixture(autouse=True)
-def cache(tmp_path, monkeypatch):
-    monkeypatch.setenv('MPCC_CACHE_DIR', str(tmp_path / 'cache'))
-    return tmp_path / 'cache'
+def cache(own_cache):
+    return own_cache
+
+
+def compile_twice(source=SOURCE, name='twice', flags=('-O2',)):
+    return compile_cache.compile_library(source, name, flags)
 
 
 def twice(library, x):
@@ -27,87 +37,58 @@ def twice(library, x):
     return function(x)
 
 
-@needs_compiler
-def test_a_source_becomes_a_library_that_runs(cache):
-    library = compile_cache.compile_library(SOURCE, 'twice', FLAGS)
-    assert library.parent == cache
-    assert library.name.startswith('twice-')
-    assert twice(library, 21.0) == 42.0
-
-
-@needs_compiler
-def test_the_second_time_nothing_is_compiled():
-    first = compile_cache.compile_library(SOURCE, 'twice', FLAGS)
-    before = first.stat()
-    assert compile_cache.compile_library(SOURCE, 'twice', FLAGS) == first
-    assert first.stat().st_mtime_ns == before.st_mtime_ns
-    assert first.stat().st_ino == before.st_ino
-
-
-@needs_compiler
-def test_source_flags_and_name_decide_the_library():
-    made = {
-        compile_cache.compile_library(SOURCE, 'twice', FLAGS),
-        compile_cache.compile_library(SOURCE + ' ', 'twice', FLAGS),
-        compile_cache.compile_library(SOURCE, 'twice', ('-O1',)),
-        compile_cache.compile_library(SOURCE, 'double', FLAGS),
-        compile_cache.compile_library(SOURCE, 'twice', (*FLAGS, '-march=native')),
-    }
-    assert len(made) == 5
-
-
-@needs_compiler
-def test_the_processor_counts_only_when_the_code_is_made_for_it(monkeypatch):
-    native = (*FLAGS, '-march=native')
-    generic, tuned = (compile_cache.compile_library(SOURCE, 'twice', f) for f in (FLAGS, native))
-    monkeypatch.setattr(compile_cache, '_cpu', lambda: 'another processor')
-    assert compile_cache.compile_library(SOURCE, 'twice', FLAGS) == generic
-    assert compile_cache.compile_library(SOURCE, 'twice', native) != tuned
-
-
-@needs_compiler
-def test_processes_that_start_together_get_one_library(cache):
-    code = (
-        'import sys; from stage_solver import compile_cache;'
-        f'print(compile_cache.compile_library({SOURCE!r}, "twice", {FLAGS!r}))'
-    )
+def test_processes_that_start_together_compile_a_source_once(cache):
     started = [
-        subprocess.Popen([sys.executable, '-c', code], stdout=subprocess.PIPE, text=True)
+        subprocess.Popen([sys.executable, '-c', PROGRAM], stdout=subprocess.PIPE, text=True)
         for _ in range(4)
     ]
-    printed = {process.communicate(timeout=240)[0].strip() for process in started}
-    assert len(printed) == 1
-    assert twice(printed.pop(), 1.5) == 3.0
-    assert len(list(cache.glob('*.so'))) == 1
-    assert not list(cache.glob('.build-*'))
+    (printed,) = {process.communicate(timeout=240)[0].strip() for process in started}
+    library = Path(printed)
+    assert re.fullmatch(r'twice-\w{32}-\w{8}\.so', library.name)
+    assert twice(library, 1.5) == 3.0
+    made = library.stat()
+    assert compile_twice() == library
+    assert (library.stat().st_mtime_ns, library.stat().st_ino) == (made.st_mtime_ns, made.st_ino)
+    suffixes = sorted(path.suffix for path in cache.iterdir())
+    assert suffixes == ['.lock', '.sha256', '.so']
 
 
-@needs_compiler
+def test_source_flags_name_and_the_processor_of_native_code_decide_the_library(monkeypatch):
+    native = {'flags': ('-O2', '-march=native')}
+    others = ({'source': SOURCE + ' '}, {'flags': ('-O1',)}, {'name': 'double'}, native)
+    made = [compile_twice(), *(compile_twice(**other) for other in others)]
+    assert len(set(made)) == 5
+    monkeypatch.setattr(compile_cache, '_cpu', lambda: 'another processor')
+    assert compile_twice() == made[0]
+    assert compile_twice(**native) not in made
+
+
 def test_an_invalid_source_raises_with_the_output_of_the_compiler(cache):
-    with pytest.raises(compile_cache.CompileError, match=r'(?s)refuses broken.*error:'):
-        compile_cache.compile_library('int main( {', 'broken', ())
+    with pytest.raises(CompileError, match=r'(?s)refuses broken.*error:'):
+        compile_twice('int main( {', 'broken')
     assert not list(cache.glob('*.so'))
 
 
-def test_the_environment_sets_the_folder_of_the_cache(monkeypatch, tmp_path):
-    monkeypatch.delenv('MPCC_CACHE_DIR')
-    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'xdg'))
-    assert compile_cache.cache_dir() == tmp_path / 'xdg/mpcc'
-    monkeypatch.delenv('XDG_CACHE_HOME')
-    monkeypatch.setenv('HOME', str(tmp_path))
-    assert compile_cache.cache_dir() == tmp_path / '.cache/mpcc'
+@pytest.mark.parametrize(
+    ('variables', 'folder'),
+    [
+        ({'MPCC_CACHE_DIR': '/own', 'XDG_CACHE_HOME': '/xdg', 'HOME': '/home/me'}, '/own'),
+        ({'XDG_CACHE_HOME': '/xdg', 'HOME': '/home/me'}, '/xdg/mpcc'),
+        ({'HOME': '/home/me'}, '/home/me/.cache/mpcc'),
+    ],
+)
+def test_the_environment_sets_the_folder_of_the_cache(monkeypatch, variables, folder):
+    for name in ('MPCC_CACHE_DIR', 'XDG_CACHE_HOME'):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    assert compile_cache.cache_dir() == Path(folder)
 
 
-@needs_compiler
-def test_the_cache_may_be_on_a_path_with_spaces(monkeypatch, tmp_path):
+def test_folder_and_compiler_may_need_quotes_of_a_shell(monkeypatch, tmp_path):
     monkeypatch.setenv('MPCC_CACHE_DIR', str(tmp_path / 'a cache'))
-    assert os.path.exists(compile_cache.compile_library(SOURCE, 'twice', FLAGS))
-
-
-@pytest.fixture
-def no_compiler(monkeypatch):
-    """Return a function after which no compiler is found."""
-    return lambda: monkeypatch.setenv('CC', 'no-such-compiler')
+    monkeypatch.setenv('CC', 'gcc -pipe')
+    assert twice(compile_twice(), 4.0) == 8.0
 
 
 def truncate(library):
@@ -128,44 +109,26 @@ def lose_the_checksum(library):
     library.with_suffix('.sha256').unlink()
 
 
-DAMAGES = pytest.mark.parametrize('damage', [truncate, flip, empty, lose_the_checksum])
-
-
-@needs_compiler
-@DAMAGES
-def test_a_damaged_library_is_compiled_again_with_one_line(damage, caplog):
-    damage(compile_cache.compile_library(SOURCE, 'twice', FLAGS))
-    for _ in range(2):
-        library = compile_cache.compile_library(SOURCE, 'twice', FLAGS)
+@pytest.mark.parametrize('damage', [truncate, flip, empty, lose_the_checksum])
+def test_a_damaged_library_is_compiled_again_with_one_line_or_refused(damage, caplog, monkeypatch):
+    damage(compile_twice())
+    with monkeypatch.context() as no_compiler:
+        no_compiler.setenv('CC', 'no-such-compiler')
+        with pytest.raises(CompileError, match=r'twice-\S*\.so is damaged.*MPCC_CACHE_DIR'):
+            compile_twice()
+    library = [compile_twice() for _ in range(2)][1]
     assert twice(library, 21.0) == 42.0
-    assert [record.getMessage() for record in caplog.records] == [
-        f'{library} is damaged: it is compiled again'
-    ]
+    assert caplog.messages == [f'{library} is damaged: it is compiled again']
 
 
-@needs_compiler
-@DAMAGES
-def test_without_a_compiler_a_damaged_library_is_refused(damage, no_compiler):
-    library = compile_cache.compile_library(SOURCE, 'twice', FLAGS)
-    damage(library)
-    no_compiler()
-    with pytest.raises(compile_cache.CompileError, match=rf'{library} is damaged.*MPCC_CACHE_DIR'):
-        compile_cache.compile_library(SOURCE, 'twice', FLAGS)
-
-
-@needs_compiler
-def test_without_a_compiler_what_any_compiler_has_built_is_loaded(no_compiler):
-    library = compile_cache.compile_library(SOURCE, 'twice', FLAGS)
-    no_compiler()
-    assert compile_cache.compile_library(SOURCE, 'twice', FLAGS) == library
-    with pytest.raises(compile_cache.CompileError, match='no library of it'):
-        compile_cache.compile_library(SOURCE, 'twice', ('-O1',))
-
-
-def test_without_compiler_and_library_the_error_names_both_ways_out(monkeypatch, cache):
-    monkeypatch.setenv('PATH', '')
-    with pytest.raises(compile_cache.CompileError) as caught:
-        compile_cache.compile_library(SOURCE, 'twice', FLAGS)
+def test_without_a_compiler_what_any_compiler_has_built_is_loaded(cache, monkeypatch):
+    library = compile_twice()
+    older = library.with_name(f'{library.stem[:-8]}00000000.so')
+    older.write_bytes(b'damaged')
+    monkeypatch.setenv('CC', 'no-such-compiler')
+    assert compile_twice() == library
+    with pytest.raises(CompileError) as caught:
+        compile_twice(flags=('-O1',))
     assert str(caught.value) == (
         f'no C compiler for twice, and no library of it is in {cache}: '
         'install one (Debian, Ubuntu: apt install gcc), or let MPCC_CACHE_DIR name a folder '
@@ -173,28 +136,37 @@ def test_without_compiler_and_library_the_error_names_both_ways_out(monkeypatch,
     )
 
 
-@needs_compiler
 def test_a_folder_that_cannot_be_written_serves_what_it_has_and_refuses_the_rest(cache):
     """As a user who is not root, whom permissions do not bind."""
-    library = compile_cache.compile_library(SOURCE, 'twice', FLAGS)
-    code = (
-        'from stage_solver import compile_cache;'
-        f'print(compile_cache.compile_library({SOURCE!r}, "twice", {FLAGS!r}));'
-        f'compile_cache.compile_library({SOURCE!r}, "thrice", {FLAGS!r})'
-    )
+    library = compile_twice()
     cache.chmod(0o555)
-    command = [*ORDINARY_USER, sys.executable, '-c', code]
+    program = PROGRAM + PROGRAM.replace("'twice'", "'thrice'")
+    command = [*ORDINARY_USER, sys.executable, '-c', program]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     cache.chmod(0o755)
     assert done.stdout == f'{library}\n'
-    assert (
-        f'CompileError: compiled code cannot be kept in {cache} ({cache}/thrice-'
-        in done.stderr.splitlines()[-1]
-    )
-    assert 'Permission denied); let MPCC_CACHE_DIR name a folder' in done.stderr
+    error = done.stderr.splitlines()[-1]
+    assert f'CompileError: compiled code cannot be kept in {cache} ({cache}/thrice-' in error
+    assert 'Permission denied); let MPCC_CACHE_DIR name a folder' in error
 
 
 def test_a_folder_that_cannot_be_made_is_refused_by_name(cache):
     cache.write_text('a file')
-    with pytest.raises(compile_cache.CompileError, match=f'kept in {cache} .*MPCC_CACHE_DIR'):
-        compile_cache.compile_library(SOURCE, 'twice', FLAGS)
+    with pytest.raises(CompileError, match=f'kept in {cache} .*MPCC_CACHE_DIR'):
+        compile_twice()
+
+
+def test_machine_code_computes_what_the_interpreter_computes(cache):
+    case = slalom()
+    dynamics = case.problem.dynamics
+    for _ in range(2):
+        (compiled,) = compile_functions({dynamics.name(): dynamics}, 'slalom_dynamics').values()
+    assert len(list(cache.glob('*.so'))) == 1
+    assert compiled.class_name() != dynamics.class_name()
+    call, names = BufferedFunction(compiled), dynamics.name_in()
+    arguments = dict(zip(names, (case.guess.X[7], np.array([0.3, -0.2]), case.P[7])))
+    changed = {names[0]: case.guess.X[9]}  # a call keeps what it is not given
+    for given, state in ((arguments, case.guess.X[7]), (changed, case.guess.X[9])):
+        (result,) = call(**given).values()
+        expected = dynamics(state, *list(arguments.values())[1:]).full().ravel()
+        assert np.allclose(result, expected, rtol=1e-14, atol=1e-14)

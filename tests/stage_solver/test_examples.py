@@ -1,51 +1,47 @@
-"""The examples: riccati and IPOPT agree, and the results obey physics."""
+"""The examples, the program of the README and the benchmark run; their results obey physics."""
 
 import importlib.util
+import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from small_problems import make
 
-from stage_solver import SOLVED, SolverOptions, make_solver
-from stage_solver.reference_solvers import ReferenceSolver
+import stage_solver
+from stage_solver import SOLVED
 
-FOLDER = Path(__file__).parents[2] / 'stage_solver/examples'
-NAMES = ('cart_pole', 'point_robot', 'quadrotor')
+FOLDER = Path(__file__).parents[2] / 'stage_solver'
+EXAMPLES = FOLDER / 'examples'
 
 
 def load(name):
-    spec = importlib.util.spec_from_file_location(name, FOLDER / f'{name}.py')
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f'{name}.py')
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
-def solve_by_both(name, *arguments):
-    """Return the module, and its solutions by riccati and by IPOPT."""
-    module = load(name)
+def solve(module, *arguments):
+    """Return the solution of an example, which is that of IPOPT."""
     problem = module.make_problem()
-    options = SolverOptions(max_iterations=500, tolerance=1e-7)
-    solvers = make_solver(problem, options), ReferenceSolver(problem, 'ipopt', options)
     numbers = module.make_arguments(problem, *arguments)
-    return module, [solver.solve(*numbers) for solver in solvers]
-
-
-def assert_equal_solutions(own, reference):
+    own, reference = (
+        make(name, problem, max_iterations=500, tolerance=1e-7).solve(*numbers)
+        for name in ('riccati', 'ipopt')
+    )
     assert own.status == reference.status == SOLVED
     assert own.cost == pytest.approx(reference.cost, rel=1e-5)
     assert np.allclose(own.plan.X, reference.plan.X, atol=2e-3)
-
-
-def test_every_example_is_tested():
-    assert sorted(path.stem for path in FOLDER.glob('*.py')) == sorted(NAMES)
+    return own
 
 
 def test_the_pole_is_swung_up_within_track_and_force():
-    module, (own, reference) = solve_by_both('cart_pole')
-    assert_equal_solutions(own, reference)
-    X, U = own.plan.X, own.plan.U
+    module = load('cart_pole')
+    X, U, _ = solve(module).plan
     assert np.allclose(X[-1], [module.GOAL_M, np.pi, 0.0, 0.0], atol=1e-5)
     assert np.abs(X[:, 0]).max() <= module.TRACK_M + 1e-6
     assert np.abs(U).max() <= module.FORCE_N + 1e-5
@@ -70,47 +66,54 @@ def test_the_energy_of_the_cart_pole_changes_by_the_work_of_the_force_alone():
 
 
 def test_the_quadrotor_passes_the_discs_as_closely_as_it_may():
-    module, (own, reference) = solve_by_both('quadrotor')
-    assert_equal_solutions(own, reference)
-    assert np.allclose(own.plan.X[-1], [*module.GOAL, 0.0, 0.0, 0.0, 0.0], atol=1e-5)
-    assert own.plan.U.min() >= -1e-6
-    assert own.plan.U.max() <= module.MAX_THRUST_N + 1e-5
-    assert min(module.clearances(own.plan.X)) == pytest.approx(0.0, abs=1e-4)
+    module = load('quadrotor')
+    X, U, _ = solve(module).plan
+    assert np.allclose(X[-1], [*module.GOAL, 0.0, 0.0, 0.0, 0.0], atol=1e-5)
+    assert np.all((U >= -1e-6) & (module.MAX_THRUST_N + 1e-5 >= U))
+    assert min(module.clearances(X)) == pytest.approx(0.0, abs=1e-4)
 
 
-def test_a_straight_path_takes_the_time_of_the_closed_form():
-    module, (own, reference) = solve_by_both(
-        'point_robot', np.zeros(load('point_robot').HORIZON + 1)
-    )
-    assert_equal_solutions(own, reference)
-    assert own.cost == pytest.approx(module.straight_time_s(), rel=1e-5)
-
-
-def test_in_a_bend_the_whole_acceleration_is_used_everywhere():
-    module, (own, reference) = solve_by_both('point_robot', load('point_robot').bend_curvature())
-    assert_equal_solutions(own, reference)
-    lateral = module.bend_curvature()[:-1] * own.plan.X[:-1, 0]
-    whole = np.hypot(own.plan.U[:, 0], lateral)
+def test_the_point_robot_takes_the_time_of_the_closed_form_and_more_in_a_bend():
+    module = load('point_robot')
+    straight = solve(module, np.zeros(module.HORIZON + 1))
+    assert straight.cost == pytest.approx(module.straight_time_s(), rel=1e-5)
+    bend = solve(module, module.bend_curvature())
+    lateral = module.bend_curvature()[:-1] * bend.plan.X[:-1, 0]
+    whole = np.hypot(bend.plan.U[:, 0], lateral)
     assert whole.max() <= module.MAX_ACCELERATION_MPS2 + 1e-5
     assert np.median(whole) == pytest.approx(module.MAX_ACCELERATION_MPS2, rel=1e-3)
-    assert own.cost > module.straight_time_s()
+    assert bend.cost > straight.cost
 
 
-@pytest.mark.parametrize('name', NAMES)
-def test_an_example_runs_as_its_first_lines_say(name):
-    result = subprocess.run(
-        [sys.executable, FOLDER / f'{name}.py'], capture_output=True, text=True, timeout=240
-    )
-    assert result.returncode == 0, result.stderr
-    assert 'solved after' in result.stdout
+@pytest.mark.parametrize('script', EXAMPLES.glob('*.py'), ids=lambda path: path.stem)
+def test_an_example_prints_its_solution(script, capsys):
+    runpy.run_path(str(script), run_name='__main__')
+    assert 'solved after' in capsys.readouterr().out
 
 
-@pytest.mark.needs('compiler')
 def test_the_benchmark_writes_a_row_per_problem_start_and_solver(tmp_path):
-    script = FOLDER.parent / 'benchmark.py'
-    command = [sys.executable, script, '--quick', '--out', tmp_path]
+    command = [sys.executable, FOLDER / 'benchmark.py', '--quick', '--out', tmp_path]
     result = subprocess.run(command, capture_output=True, text=True, timeout=240)
     assert result.returncode == 0, result.stderr
     rows = (tmp_path / 'benchmark.md').read_text().splitlines()[6:]
     assert len(rows) == 2 * 2 * 3
     assert all(row.endswith('| 2/2 |') for row in rows), rows
+
+
+def test_the_program_of_the_readme_pushes_with_full_force_at_first():
+    (program,) = re.findall(r'```python\n(.*?)```', (FOLDER / 'README.md').read_text(), re.S)
+    names = {}
+    exec(program, names)
+    assert names['force'] == pytest.approx([1.0], abs=1e-5)
+    first = names['solution']
+    arguments = first.plan.X[1], names['P'], names['bounds'], names['guess']
+    again = names['solver'].solve(*arguments)
+    assert again.status == SOLVED
+    assert again.iterations < first.iterations
+
+
+def test_every_public_name_exists_and_is_in_the_help():
+    assert all(getattr(stage_solver, name) for name in stage_solver.__all__)
+    assert set(re.findall(r'\w+', stage_solver.__doc__)) >= set(stage_solver.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'solve'"):
+        stage_solver.solve  # noqa: B018

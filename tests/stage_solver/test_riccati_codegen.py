@@ -5,6 +5,7 @@ import ctypes
 import casadi as ca
 import numpy as np
 import pytest
+from small_problems import aligned, slalom
 
 from stage_solver import compile_cache, riccati_codegen, vector_codegen
 from stage_solver.expression_graph import ExpressionGraph
@@ -27,6 +28,7 @@ OPERATIONS = {
         ca.if_else(ca.logic_or(a > 1, ca.logic_not(c < 0)), a * c, ca.log(b)),
         (a < c) + 2 * (a == c),
         ca.if_else(a > 0, ca.sqrt(a), 0),
+        ca.if_else(a > 0, ca.log(a), 7),
     ],
     'parameters': [ca.sin(m) * a, m * n + a, ca.if_else(m > n, a, b), ca.exp(n), m, n < m],
 }
@@ -52,19 +54,13 @@ def compiled_function(function):
     rows |= {n: function.nnz_out(i) for i, n in enumerate(function.name_out())}
 
     def call(**inputs):
-        arrays = {n: aligned(rows[n]) for n in names}
+        arrays = {n: aligned(rows[n], STAGES) for n in names}
         for n, value in inputs.items():
             arrays[n][...] = value
         library.run(*(ctypes.c_void_p(v.ctypes.data) for v in arrays.values()))
         return [arrays[n] for n in function.name_out()]
 
     return call
-
-
-def aligned(rows):
-    memory = np.zeros(rows * STAGES + 8)
-    start = (-memory.ctypes.data % 64) // 8
-    return memory[start : start + rows * STAGES].reshape(rows, STAGES)
 
 
 @pytest.mark.parametrize('kind', OPERATIONS)
@@ -78,17 +74,9 @@ def test_every_operation_computes_what_casadi_computes(kind):
     assert np.allclose(compiled_function(function)(x=X, p=P)[0], expected, rtol=1e-13, atol=1e-15)
 
 
-def test_value_of_a_branch_not_taken_is_not_seen():
-    function = ca.Function('stage', [x, p], [ca.if_else(a > 0, ca.log(a), 7)], ['x', 'p'], ['y'])
-    X = np.ones((3, STAGES))
-    X[0, ::2] = -1.0
-    values = compiled_function(function)(x=X, p=np.zeros((2, STAGES)))
-    assert np.array_equal(values[0][0, ::2], np.full(STAGES // 2, 7.0))
-
-
 @pytest.mark.parametrize('kind', [riccati_codegen.make_stage, riccati_codegen.make_last_stage])
-def test_stage_functions_and_derivatives_are_those_of_casadi(tight_slalom, kind):
-    for function in kind(tight_slalom.problem):
+def test_stage_functions_and_derivatives_are_those_of_casadi(kind):
+    for function in kind(slalom().problem):
         rng = np.random.default_rng(4)
         sizes = {n: function.numel_in(i) for i, n in enumerate(function.name_in())}
         inputs = {n: rng.uniform(-1, 1, (size, STAGES)) for n, size in sizes.items()}
@@ -99,72 +87,60 @@ def test_stage_functions_and_derivatives_are_those_of_casadi(tight_slalom, kind)
                 assert np.allclose(mine[:, k], reference.nz[:].full().ravel(), 1e-12, 1e-13)
 
 
-def test_hessian_and_gradients_agree_with_central_differences(tight_slalom):
-    problem = tight_slalom.problem
-    model = riccati_codegen.make_stage(problem)
+def test_hessian_and_gradients_agree_with_central_differences_and_hold_the_barrier():
+    model = riccati_codegen.make_stage(slalom().problem)
     rng = np.random.default_rng(6)
-    w, p = rng.uniform(-1, 1, 6), tight_slalom.P[0]
-    lam, y = rng.standard_normal(4), rng.standard_normal(2)
-    zero = np.zeros(8)
-    q, H, JF, Jg = (v.full() for v in model.quadratic(w, p, lam, y, zero, zero))
-    step = 1e-5 * np.eye(6)
+    w, p = rng.uniform(-1, 1, 6), slalom().P[0]
+    lam, y, sigma, push = (rng.uniform(-1, 1, size) for size in (4, 2, 8, 8))
+    q, H, JF, Jg = (v.full() for v in model.quadratic(w, p, lam, y, sigma, push))
 
-    def difference(of):
-        return np.column_stack([(of(w + d) - of(w - d)).ravel() / 2e-5 for d in step])
+    def differences(of):
+        steps = 1e-5 * np.eye(6)
+        return np.column_stack([(of(w + d) - of(w - d)).full().ravel() / 2e-5 for d in steps])
 
-    values = [lambda w, i=i: model.values(w, p)[i].full() for i in range(3)]
-    assert np.allclose(difference(values[0]), JF, atol=1e-8)
-    assert np.allclose(difference(values[1]), q.T, atol=1e-8)
-    assert np.allclose(difference(values[2]), Jg, atol=1e-7)
-    slope = difference(lambda w: model.slope(w, p, lam, y).full())
-    assert np.allclose(slope, np.triu(H) + np.triu(H, 1).T, atol=1e-7)
+    F, cost, g = (differences(lambda w, i=i: model.values(w, p)[i]) for i in range(3))
+    assert np.allclose(F, JF, atol=1e-8)
+    assert np.allclose(g, Jg, atol=1e-7)
+    assert np.allclose(cost.ravel() + push[:6] + Jg.T @ push[6:], q.ravel(), atol=1e-8)
+    slope = differences(lambda w: model.slope(w, p, lam, y))
+    barrier = np.diag(sigma[:6]) + Jg.T @ np.diag(sigma[6:]) @ Jg
+    assert np.allclose(slope + barrier, np.triu(H) + np.triu(H, 1).T, atol=1e-7)
 
 
-def test_barrier_terms_enter_hessian_and_gradient_as_their_formulas_say(tight_slalom):
-    model = riccati_codegen.make_stage(tight_slalom.problem)
-    rng = np.random.default_rng(8)
-    w, p = rng.uniform(-1, 1, 6), tight_slalom.P[0]
-    lam, y, sigma, push = (rng.uniform(0, 1, size) for size in (4, 2, 8, 8))
-    zero = np.zeros(8)
-    q0, H0, _, Jg = (v.full() for v in model.quadratic(w, p, lam, y, zero, zero))
-    q, H, _, _ = (v.full() for v in model.quadratic(w, p, lam, y, sigma, push))
-    added = np.diag(sigma[:6]) + Jg.T @ np.diag(sigma[6:]) @ Jg
-    assert np.allclose(H - H0, np.triu(added), atol=1e-12)
-    assert np.allclose((q - q0).ravel(), push[:6] + Jg.T @ push[6:], atol=1e-12)
+def graph_of(*outputs):
+    functions = [
+        ca.Function(f'f{k}', [x, p], [output], ['x', 'p'], ['y'])
+        for k, output in enumerate(outputs)
+    ]
+    return ExpressionGraph(functions, {'p'})
 
 
 def test_what_only_parameters_decide_is_computed_once():
-    y = ca.sin(m) * a + ca.cos(m + n)
-    graph = ExpressionGraph([ca.Function('stage', [x, p], [y], ['x', 'p'], ['y'])], {'p'})
-    text = vector_codegen.Emitter(graph, 'stage', '8').source()
-    once, stage = text.split('static void stage(')
-    assert once.count('v_sin') == 1
-    assert once.count('v_cos') == 1
-    assert 'v_sin' not in stage
-    assert 'v_cos' not in stage
+    text = vector_codegen.Emitter(graph_of(ca.sin(m) * a + ca.cos(m + n)), 'stage', '8').source()
+    once, stage = text.split('static void f0(')
+    for name in ('v_sin', 'v_cos'):
+        assert (once.count(name), stage.count(name)) == (1, 0)
 
 
-def test_equal_operations_of_several_functions_are_one_node():
-    first = ca.Function('first', [x], [ca.sin(a * b) + 1], ['x'], ['y'])
-    second = ca.Function('second', [x], [ca.sin(b * a) * 2], ['x'], ['y'])
-    graph = ExpressionGraph([first, second], set())
-    assert sum(node.op == ca.OP_SIN for node in graph.nodes) == 1
+@pytest.mark.parametrize(
+    ('outputs', 'operation', 'count'),
+    [
+        pytest.param((ca.sin(a * b) + 1, ca.sin(b * a) * 2), ca.OP_SIN, 1, id='equal operations'),
+        pytest.param((a / c, b / c, 1 / c), ca.OP_INV, 1, id='quotients of a number'),
+        pytest.param((a / c, b / c, 1 / c), ca.OP_MUL, 2, id='no product with 1'),
+        pytest.param((a**8, a**4), ca.OP_SQ, 3, id='powers by squares'),
+    ],
+)
+def test_operations_are_shared(outputs, operation, count):
+    nodes = graph_of(*outputs).nodes
+    assert sum(node.op == operation for node in nodes) == count
 
 
-def test_quotients_by_the_same_number_share_one_division():
-    function = ca.Function('f', [x], [ca.vertcat(a / c, b / c, 1 / c)], ['x'], ['y'])
-    nodes = ExpressionGraph([function], set()).nodes
-    assert sum(node.op == ca.OP_INV for node in nodes) == 1
-    assert not any(node.op == ca.OP_DIV for node in nodes)
-
-
-def test_same_problem_gives_the_same_source(tight_slalom):
-    made = riccati_codegen.source.__wrapped__  # nothing is kept
-    assert made(tight_slalom.problem) == made(tight_slalom.problem)
-
-
-def test_operation_without_counterpart_is_named():
-    function = ca.Function('stage', [x, p], [ca.remainder(a, b)], ['x', 'p'], ['y'])
-    graph = ExpressionGraph([function], {'p'})
+def test_an_operation_without_counterpart_is_named():
     with pytest.raises(vector_codegen.UnsupportedError, match='is not supported'):
-        vector_codegen.Emitter(graph, 'stage', '8').source()
+        vector_codegen.Emitter(graph_of(ca.remainder(a, b)), 'stage', '8').source()
+
+
+def test_the_same_problem_gives_the_same_source():
+    made = riccati_codegen.source.__wrapped__  # nothing is kept
+    assert made(slalom().problem) == made(slalom().problem)

@@ -1,103 +1,46 @@
 """The midpoint rule, the shift of a plan, equal and contradictory problems."""
 
 import dataclasses
-import functools
 
 import casadi as ca
 import numpy as np
 import pytest
-import small_problems
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from small_problems import double_integrator, slalom
 
-from stage_solver.stage_problem import (
-    MAX_CACHED_PROBLEMS,
-    Multipliers,
-    Plan,
-    ProblemError,
-    no_bounds,
-    rk2,
-    shift,
-    zero_plan,
-)
+from stage_solver import Multipliers, Plan, ProblemError, no_bounds, rk2, shift, zero_plan
+
+PROBLEM = slalom().problem
 
 
-def pendulum(x, u, p):
-    return np.array([x[1], -p * np.sin(x[0]) - 0.1 * x[1] + u])
+@given(st.floats(0.05, 3.0), st.floats(-2.0, 2.0))
+def test_a_step_is_the_midpoint_rule_on_numbers_and_symbols(dt, x):
+    def decay(x, u, p):
+        return -p * x**2 + u
+
+    midpoint = x + dt / 2 * (-3.0 * x**2 + 0.4)
+    by_hand = x + dt * (-3.0 * midpoint**2 + 0.4)
+    assert rk2(decay, dt)(x, 0.4, 3.0) == pytest.approx(by_hand, rel=1e-12, abs=1e-12)
+    symbols = [ca.SX.sym(name) for name in 'xup']
+    step = ca.Function('F', symbols, [rk2(decay, dt)(*symbols)])
+    assert float(step(x, 0.4, 3.0)) == pytest.approx(by_hand, rel=1e-12, abs=1e-12)
 
 
-def drive(dt, duration=2.0):
-    step = rk2(pendulum, dt)
-    x = np.array([1.0, 0.5])
-    for _ in range(round(duration / dt)):
-        x = step(x, 0.3, 9.81)
-    return x
-
-
-def test_error_over_a_fixed_time_falls_with_the_square_of_the_step():
-    exact = drive(1e-4)
-    coarse, half, quarter = (np.abs(drive(dt) - exact).max() for dt in (0.04, 0.02, 0.01))
-    assert coarse / half == pytest.approx(4, rel=0.15)
-    assert half / quarter == pytest.approx(4, rel=0.1)
-
-
-def test_step_is_the_midpoint_rule_by_hand():
-    # x' = x^2 at x = 1: midpoint 1 + 0.1/2 * 1 = 1.05, step 1 + 0.1 * 1.05^2
-    step = rk2(lambda x, u, p: x**2, 0.1)
-    assert step(1.0, None, None) == pytest.approx(1.11025, abs=1e-15)
-
-
-@settings(max_examples=50)
-@given(st.floats(0.05, 3.0))
-def test_decay_is_stable_up_to_a_step_of_two_time_constants(a_dt):
-    step = rk2(lambda x, u, p: -x, a_dt)
-    x = 1.0
-    for _ in range(100):
-        x = step(x, None, None)
-    factor = 1 - a_dt + a_dt**2 / 2
-    assert x == pytest.approx(factor**100, rel=1e-9)
-    assert (abs(x) <= 1.0) == (a_dt <= 2.0)
-
-
-def test_symbols_and_numbers_step_alike():
-    x, u, p = ca.SX.sym('x', 2), ca.SX.sym('u'), ca.SX.sym('p')
-
-    def symbolic(x, u, p):
-        return ca.vertcat(x[1], -p * ca.sin(x[0]) - 0.1 * x[1] + u)
-
-    F = ca.Function('F', [x, u, p], [rk2(symbolic, 0.05)(x, u, p)])
-    expected = rk2(pendulum, 0.05)(np.array([0.7, -1.0]), 0.2, 9.81)
-    assert np.allclose(F([0.7, -1.0], 0.2, 9.81).full().ravel(), expected, atol=1e-15)
-
-
-def test_shift_drops_the_first_stage_and_drives_one_more(double_integrator):
+def test_a_shifted_plan_drops_its_first_stage_and_drives_one_more():
     rng = np.random.default_rng(1)
-    X, U = rng.standard_normal((16, 2)), rng.standard_normal((15, 1))
-    later = shift(Plan(X, U), double_integrator.problem.dynamics, np.array([0.1]))
+    shapes = PROBLEM.shapes
+    X, U = rng.standard_normal(shapes['X']), rng.standard_normal(shapes['U'])
+    parts = {name: rng.standard_normal(shapes[f'm_{name}']) for name in Multipliers._fields}
+    p = slalom().P[-1]
+    later = shift(Plan(X, U, Multipliers(**parts)), PROBLEM.dynamics, p)
     assert np.array_equal(later.X[:-1], X[1:])
+    assert later.X[-1] == pytest.approx(PROBLEM.dynamics(X[-1], U[-1], p).full().ravel())
     assert np.array_equal(later.U, np.vstack([U[1:], U[-1:]]))
-    position, speed = X[-1]
-    force = U[-1, 0]
-    by_hand = [position + 0.2 * speed + 0.02 * force, speed + 0.2 * force]
-    assert np.allclose(later.X[-1], by_hand, atol=1e-14)
-    assert later.multipliers is None
-
-
-def test_shift_moves_multipliers_with_their_stages(double_integrator):
-    stages = np.arange(15.0)
-    given_ones = Multipliers(
-        x=np.arange(32.0).reshape(16, 2),
-        u=stages[:, None],
-        dynamics=np.column_stack([stages, -stages]),
-        g=np.zeros((15, 0)),
-        h=np.zeros(0),
-    )
-    plan = Plan(np.zeros((16, 2)), np.zeros((15, 1)), given_ones)
-    later = shift(plan, double_integrator.problem.dynamics, np.array([0.1])).multipliers
-    assert np.array_equal(later.u[:, 0], [*stages[1:], 14.0])
-    assert np.array_equal(later.x[:-1], given_ones.x[1:])
-    assert np.array_equal(later.dynamics[:-1], given_ones.dynamics[1:])
-    assert [part.shape for part in later] == [part.shape for part in given_ones]
+    for name, rows in parts.items():
+        expected = rows if name == 'h' else np.vstack([rows[1:], rows[-1:]])
+        assert np.array_equal(getattr(later.multipliers, name), expected), name
+    assert shift(Plan(X, U), PROBLEM.dynamics, p).multipliers is None
 
 
 @pytest.mark.parametrize(
@@ -106,91 +49,56 @@ def test_shift_moves_multipliers_with_their_stages(double_integrator):
         ({'name': 'a b'}, "name 'a b' is not an identifier"),
         ({'horizon': 0}, 'a stage, a state and an input are needed'),
         ({'inputs': ()}, 'a stage, a state and an input are needed'),
-        ({'states': ('position',)}, r'dynamics takes arguments of sizes .*\(2, 1\)'),
+        ({'states': ('X',)}, r'slalom: dynamics takes arguments of sizes .*\(4, 1\).*\(1, 1\)'),
         ({'parameters': ()}, 'dynamics takes arguments of sizes'),
         ({'scale_x': (1.0,)}, 'one positive scale each is needed'),
-        ({'scale_u': (0.0,)}, r"one positive scale each is needed for \('force',\)"),
-        ({'scale_u': (float('nan'),)}, 'one positive scale each is needed'),
+        ({'scale_u': (0.0, 1.0)}, r"one positive scale each is needed for \('push', 'turn'\)"),
+        ({'scale_u': (float('nan'), 1.0)}, 'one positive scale each is needed'),
+        ({'stage_cost': PROBLEM.dynamics}, 'stage_cost must return one vector of 1'),
+        ({'terminal_cost': PROBLEM.stage_cost}, 'terminal_cost takes arguments of sizes'),
     ],
 )
-def test_a_problem_that_contradicts_itself_is_refused(change, message, double_integrator):
+def test_a_problem_that_contradicts_itself_is_refused(change, message):
     with pytest.raises(ProblemError, match=message):
-        dataclasses.replace(double_integrator.problem, **change)
+        dataclasses.replace(PROBLEM, **change)
 
 
-def test_a_cost_must_be_one_number(double_integrator):
-    x, u, p = ca.SX.sym('x', 2), ca.SX.sym('u'), ca.SX.sym('p')
-    with pytest.raises(ProblemError, match='stage_cost must return one vector of 1'):
-        dataclasses.replace(double_integrator.problem, stage_cost=ca.Function('l', [x, u, p], [x]))
-
-
-def test_a_problem_without_constraints_and_terminal_cost_needs_only_its_dynamics_and_cost():
-    problem = small_problems.without_parameters()
+def test_a_problem_needs_only_its_dynamics_and_cost():
+    case = double_integrator(lambda x: 0)
+    problem = case.problem
     assert (problem.ng, problem.nh) == (0, 0)
-    assert float(problem.terminal_cost([1.0, 2.0], [])) == 0.0
     assert (problem.scale_x, problem.scale_u) == ((1.0, 1.0), (1.0,))
+    assert float(problem.terminal_cost([1.0, 2.0], [])) == 0.0
+    assert case.solve().status == 'solved'
 
 
-def test_arrays_are_printed_by_their_shapes(double_integrator):
-    problem = double_integrator.problem
-    assert repr(zero_plan(problem)) == 'Plan(X: (16, 2), U: (15, 1))'
-    bounds = no_bounds(problem)
-    assert repr(bounds).startswith('Bounds(x_low: (16, 2), x_high: (16, 2), u_low: (15, 1)')
+def test_arrays_are_printed_by_their_shapes():
+    assert repr(zero_plan(PROBLEM)) == 'Plan(X: (31, 4), U: (30, 2))'
+    start = 'Bounds(x_low: (31, 4), x_high: (31, 4), u_low: (30, 2)'
+    assert repr(no_bounds(PROBLEM)).startswith(start)
     multipliers = Multipliers(*(np.zeros(2) for _ in Multipliers._fields))
     assert repr(multipliers).startswith('Multipliers(x: (2,)')
-    plan = zero_plan(problem)._replace(multipliers=multipliers)
+    plan = zero_plan(PROBLEM)._replace(multipliers=multipliers)
     assert repr(plan).endswith(', with multipliers)')
 
 
-def with_double_cost(problem):
-    xs, us, ps = problem.stage_cost.mx_in()
-    cost = ca.Function('stage_cost', [xs, us, ps], [2 * problem.stage_cost(xs, us, ps)])
-    return dataclasses.replace(problem, stage_cost=cost)
-
-
-def with_longer_horizon(problem):
-    return dataclasses.replace(problem, horizon=problem.horizon + 1)
-
-
-def with_another_scale(problem):
-    first, *others = problem.scale_x
-    return dataclasses.replace(problem, scale_x=(2 * first, *others))
-
-
-def with_another_name(problem):
-    return dataclasses.replace(problem, name='other')
-
-
-def copy_of(problem):
-    """Return an equal problem with functions of its own."""
-    values = {field.name: getattr(problem, field.name) for field in dataclasses.fields(problem)}
-    functions = {name: value for name, value in values.items() if isinstance(value, ca.Function)}
-    copies = {n: ca.Function.deserialize(f.serialize()) for n, f in functions.items()}
-    return dataclasses.replace(problem, **copies)
-
-
-@pytest.fixture
-def make():
-    """Return a function that is cached by the content of its problem."""
-    return functools.lru_cache(MAX_CACHED_PROBLEMS)(lambda problem, *others: object())
-
-
-def test_equal_problems_share_cached_results(make, slalom):
-    assert make(copy_of(slalom.problem)) is make(slalom.problem)
-    assert make(slalom.problem, 1) is not make(slalom.problem, 2)
-
-
-@pytest.mark.parametrize(
-    'change', [with_double_cost, with_longer_horizon, with_another_scale, with_another_name]
-)
-def test_different_problems_have_results_of_their_own(make, slalom, change):
-    assert make(change(slalom.problem)) is not make(slalom.problem)
-    assert change(slalom.problem) != slalom.problem
-
-
-def test_the_results_of_the_last_problems_are_cached(make, slalom):
-    first, second, *_ = (make(slalom.problem, number) for number in range(MAX_CACHED_PROBLEMS))
-    assert make(slalom.problem, 0) is first  # now the most recent one
-    make(slalom.problem, 'one more')
-    assert make(slalom.problem, 0) is first
-    assert make(slalom.problem, 1) is not second
+def test_problems_are_equal_where_their_content_is():
+    values = {field.name: getattr(PROBLEM, field.name) for field in dataclasses.fields(PROBLEM)}
+    copies = {
+        name: ca.Function.deserialize(value.serialize())
+        for name, value in values.items()
+        if isinstance(value, ca.Function)
+    }
+    copy = dataclasses.replace(PROBLEM, **copies)
+    assert copy == PROBLEM
+    assert hash(copy) == hash(PROBLEM)
+    symbols = PROBLEM.stage_cost.mx_in()
+    doubled = ca.Function('l', symbols, [2 * PROBLEM.stage_cost(*symbols)])
+    for change in (
+        {'stage_cost': doubled},
+        {'horizon': PROBLEM.horizon + 1},
+        {'scale_x': (20.0, *PROBLEM.scale_x[1:])},
+        {'name': 'other'},
+    ):
+        assert dataclasses.replace(PROBLEM, **change) != PROBLEM, change
+    assert PROBLEM != 'slalom'

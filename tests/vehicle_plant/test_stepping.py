@@ -1,40 +1,48 @@
-"""When the plant advances, when a run ends, and what a silent controller brings about."""
+"""When the plant advances, when a run ends, what a silent controller brings about; its health."""
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from drives import ahead
 
 from msgs_yaml import encode
 from msgs_yaml.decode import DecodeError
-from msgs_yaml.types import Command
+from msgs_yaml.types import Command, Reference
 from node_runtime import ros
-from vehicle_plant import initial_state, parameters, plant_node
-from vehicle_plant.initial_state import Start
+from node_runtime.input_monitor import ERROR, OK, STALE, WARN
+from vehicle_plant import health, initial_state, parameters, plant_node
+from vehicle_plant.health import HealthMonitor
 from vehicle_plant.parameters import StopParams
 from vehicle_plant.run_end import CONTROLLER_GONE, FAILED, FINISHED, RunEnd
 from vehicle_plant.simulator import START_NS, STEP_NS, TICK_NS, TICK_STEPS, Simulator
-from vehicle_plant.stepping import LockstepStepper, RealtimeStepper
+from vehicle_plant.stepping import LockstepStepper, RealtimeStepper, StartHold
 
 FAR = StopParams(
     x_m=1000.0, y_m=0.0, yaw_rad=0.0, armed_after_m=0.0, time_s=60.0, standstill_s=None
 )
 
 
-def stepper(kind, params, stop=FAR, speed=20.0):
-    car = Simulator(params, 1.0, Start(0.0, 0.0, 0.0, speed))
-    return kind(car, RunEnd(stop, car.now))
+def stepper(kind, params, speed=20.0, **stop):
+    car = Simulator(params, 1.0, ahead(speed))
+    return kind(car, RunEnd(replace(FAR, **stop), car.now))
 
 
 def coast(stamp_ns):
     return Command(stamp_ns, 0.0, 0.0, 0.0, 0.0)
 
 
-def run(loop, ticks):
+def run(loop, ticks, delta=0.0, Fxf=0.0, Fxr=0.0):
+    """Return how a run in lockstep under one command ends within some ticks."""
     for _ in range(ticks):
-        loop.tick(coast(loop.car.stamp_ns))
+        loop.tick(Command(loop.car.stamp_ns, delta, 0.0, Fxf, Fxr))
         if loop.outcome:
-            return loop.outcome
-    return None
+            break
+    return loop.outcome
+
+
+def seconds(outcome):
+    return (outcome.stamp_ns - START_NS) / 1e9
 
 
 def test_lockstep_waits_for_the_command_to_its_own_stamp(params):
@@ -44,46 +52,41 @@ def test_lockstep_waits_for_the_command_to_its_own_stamp(params):
     assert len(loop.tick(coast(START_NS)).rows) == TICK_STEPS
     assert not loop.is_due(START_NS)
     assert loop.is_due(START_NS + TICK_NS)
+    # an unreadable one advances time, too
+    assert len(loop.tick(None).rows) == TICK_STEPS
 
 
-def test_finish_line_ends_the_run_at_the_millisecond(params):
-    outcome = run(stepper(LockstepStepper, params, replace(FAR, x_m=30.0)), 100)
-    assert outcome.exit_code == FINISHED
-    assert (outcome.stamp_ns - START_NS) / 1e9 == pytest.approx(30.0 / 19.9, abs=0.02)
+SLANTED = {'x_m': 30.0, 'y_m': 5.0, 'yaw_rad': 0.5}
+BRAKED = {'Fxf': -3000.0, 'Fxr': -1500.0}
 
 
-def test_finish_line_counts_only_in_its_direction_and_once_armed(params):
-    assert (
-        run(stepper(LockstepStepper, params, replace(FAR, x_m=30.0, yaw_rad=3.14159)), 60) is None
-    )
-    assert (
-        run(stepper(LockstepStepper, params, replace(FAR, x_m=30.0, armed_after_m=40.0)), 60)
-        is None
-    )
-
-
-def test_run_fails_when_its_time_is_up(params):
-    outcome = run(stepper(LockstepStepper, params, replace(FAR, time_s=1.0)), 100)
-    assert outcome.exit_code == FAILED
-    assert outcome.stamp_ns == START_NS + 1_000_000_000
-
-
-def test_run_fails_when_the_car_has_stopped_but_not_before_it_moved(params):
-    loop = stepper(LockstepStepper, params, speed=0.0)
-    assert run(loop, 40) is None
-    loop = stepper(LockstepStepper, params, speed=2.0)
-    for _ in range(80):
-        loop.tick(Command(loop.car.stamp_ns, 0.0, 0.0, -4000.0, -2000.0))
-        if loop.outcome:
-            break
-    assert loop.outcome.exit_code == FAILED
-    assert 'stands still' in loop.outcome.message
+@pytest.mark.parametrize(
+    ('stop', 'speed', 'forces', 'outcome', 'end_s'),
+    [
+        ({'x_m': 30.0}, 20.0, {}, (FINISHED, 'finish line crossed after 1.51'), 1.51),
+        (SLANTED, 20.0, {}, (FINISHED, 'finish line crossed'), 1.65),
+        ({'x_m': 30.0, 'yaw_rad': 3.14159}, 20.0, {}, None, 0.0),
+        ({'x_m': 30.0, 'armed_after_m': 40.0}, 20.0, {}, None, 0.0),
+        ({'x_m': 30.0, 'armed_after_m': 29.0}, 20.0, {}, (FINISHED, ''), 1.51),
+        ({'time_s': 1.0}, 20.0, {}, (FAILED, 'finish line not reached within 1 s'), 1.0),
+        ({}, 2.0, BRAKED, (FAILED, 'the car stands still'), 2.05),
+        ({'standstill_s': 2.0}, 2.0, BRAKED, (FAILED, 'the car stands still'), 3.05),
+        ({}, 0.0, {}, None, 0.0),  # has not moved
+    ],
+)
+def test_a_run_ends(params, stop, speed, forces, outcome, end_s):
+    end = run(stepper(LockstepStepper, params, speed, **stop), 80, **forces)
+    if outcome is None:
+        assert end is None
+    else:
+        assert end.exit_code == outcome[0]
+        assert end.message.startswith(outcome[1])
+        assert seconds(end) == pytest.approx(end_s, abs=0.1 if forces else 0.02)
 
 
 def test_silent_controller_is_held_for_two_ticks_then_braked_straight(params):
     loop = stepper(LockstepStepper, params)
-    for _ in range(10):
-        loop.tick(Command(loop.car.stamp_ns, 0.03, 0.0, 0.0, 400.0))
+    run(loop, 10, 0.03, 0.0, 400.0)
     for _ in range(2):
         loop.tick_without_controller()
     assert loop.car.actuators.delta == pytest.approx(0.03, abs=1e-4)
@@ -96,6 +99,25 @@ def test_silent_controller_is_held_for_two_ticks_then_braked_straight(params):
     assert not loop.is_due(loop.car.stamp_ns)
 
 
+def step(loop, count):
+    for _ in range(count):
+        loop.advance_to(loop.car.stamp_ns + STEP_NS)
+
+
+def tick(loop, count):
+    for _ in range(count):
+        loop.command(coast(loop.car.stamp_ns))
+        step(loop, TICK_STEPS)
+
+
+def silence(loop, ticks):
+    step(loop, ticks * TICK_STEPS)
+
+
+def catch_up(loop, steps):
+    return loop.advance_to(loop.car.stamp_ns + steps * STEP_NS)
+
+
 def test_realtime_takes_the_steps_that_are_due_and_counts_the_late_ones(params):
     loop = stepper(RealtimeStepper, params)
     loop.command(coast(START_NS))
@@ -104,16 +126,14 @@ def test_realtime_takes_the_steps_that_are_due_and_counts_the_late_ones(params):
     assert loop.missed_steps == 0
     assert len(loop.advance_to(START_NS + 5 * STEP_NS).rows) == 4
     assert (loop.missed_steps, loop.longest_gap) == (3, 4)
-    assert loop.car.stamp_ns == START_NS + 5 * STEP_NS
 
 
 def test_realtime_catches_up_with_the_bits_of_one_stretch(params):
     late, whole = stepper(RealtimeStepper, params), stepper(RealtimeStepper, params)
-    now_ns = START_NS + 130 * STEP_NS
     for loop in (late, whole):
         loop.command(Command(START_NS, 0.02, 0.0, -300.0, -200.0))
     track = whole.car.advance(None, 130)
-    assert late.advance_to(now_ns).rows.tobytes() == track.rows.tobytes()
+    assert late.advance_to(START_NS + 130 * STEP_NS).rows.tobytes() == track.rows.tobytes()
     assert (late.missed_steps, late.longest_gap) == (129, 130)
 
 
@@ -124,13 +144,13 @@ def test_realtime_catches_up_with_the_bits_of_one_stretch(params):
 )
 def test_realtime_catches_up_no_further_than_the_end_of_the_run(params, changed, code, latest_s):
     """After minutes, as of a process that was stopped."""
-    loop = stepper(RealtimeStepper, params, replace(FAR, **changed))
+    loop = stepper(RealtimeStepper, params, **changed)
     loop.command(coast(START_NS))
     now_ns = START_NS + 600_000 * STEP_NS
     track = loop.advance_to(now_ns)
     assert loop.outcome.exit_code == code
     assert 0 <= loop.car.stamp_ns - loop.outcome.stamp_ns < TICK_NS
-    assert (loop.outcome.stamp_ns - START_NS) / 1e9 <= latest_s
+    assert seconds(loop.outcome) <= latest_s
     assert (loop.missed_steps, loop.longest_gap) == (len(track.rows) - 1, 600_000)
     assert loop.advance_to(now_ns + STEP_NS) is None
 
@@ -138,61 +158,47 @@ def test_realtime_catches_up_no_further_than_the_end_of_the_run(params, changed,
 def test_realtime_brakes_when_silent_and_follows_again_when_spoken_to(params):
     loop = stepper(RealtimeStepper, params)
     loop.command(Command(START_NS, 0.02, 0.0, 0.0, 0.0))
-    now = START_NS
-    for _ in range(150):
-        now += STEP_NS
-        loop.advance_to(now)
+
+    step(loop, 150)
     assert not loop.controller_gone
-    for _ in range(100):
-        now += STEP_NS
-        loop.advance_to(now)
+    step(loop, 100)
     assert loop.controller_gone
     assert loop.car.actuators.Fxf < -2500
-    loop.command(Command(now, 0.0, 0.0, 0.0, 0.0))
+    loop.command(coast(loop.car.stamp_ns))
     assert not loop.controller_gone
-    for _ in range(140):
-        now += STEP_NS
-        loop.advance_to(now)
+    step(loop, 140)
     assert loop.car.actuators.Fxf > -1500
-
-
-def test_realtime_ends_with_its_own_code_when_the_silent_controller_does_not_come_back(params):
-    loop = stepper(RealtimeStepper, params, speed=5.0)
-    loop.command(coast(START_NS))
-    while not loop.outcome:
-        loop.advance_to(loop.car.stamp_ns + 10 * STEP_NS)
-        assert loop.car.stamp_ns < START_NS + 10_000_000_000
-    assert loop.outcome.exit_code == CONTROLLER_GONE
-    assert loop.controller_gone
 
 
 def test_realtime_ends_within_hundredths_of_the_line_and_names_its_millisecond(params):
     """It looks every 10 steps; the crossing that it reports is that of the row."""
-    loop = stepper(RealtimeStepper, params, replace(FAR, x_m=3.0))
+    loop = stepper(RealtimeStepper, params, x_m=3.0)
     loop.command(coast(START_NS))
     rows = []
     while not loop.outcome:
         rows.append(loop.advance_to(loop.car.stamp_ns + STEP_NS))
     crossed = next(row for row in rows if row.column('planar.X')[0] >= 3.0)
-    assert loop.outcome.exit_code == FINISHED
-    assert loop.outcome.stamp_ns == crossed.stamp_ns[0]
+    assert (loop.outcome.exit_code, loop.outcome.stamp_ns) == (FINISHED, crossed.stamp_ns[0])
     assert loop.car.stamp_ns - loop.outcome.stamp_ns < 10 * STEP_NS
 
 
+def test_only_an_answer_to_one_of_the_last_hundred_starts_lets_the_car_go():
+    hold = StartHold()
+    hold.record(START_NS)
+    assert hold.is_answer(coast(START_NS))
+    assert not hold.is_answer(coast(START_NS + 1))
+    for k in range(1, 100):
+        hold.record(START_NS + k * STEP_NS)
+    assert hold.is_answer(coast(START_NS))
+    hold.record(START_NS + 100 * STEP_NS)
+    assert not hold.is_answer(coast(START_NS))
+
+
 def test_starts_are_taken_from_parameters_or_the_first_pose():
-    import numpy as np
-
-    from msgs_yaml.types import Reference
-
-    path = Reference(
-        1,
-        np.array([1.0, 4.0, 9.0]),
-        np.array([2.0, 6.0, 6.0]),
-        np.array([0.9, 0.5, 0.0]),
-        np.array([0.0, 0.25, 1.0]),
-    )
-    assert initial_state.start_from_reference(path)[:4] == (1.0, 2.0, 0.9, 20.0)
-    raw, still = (ros.serialize(encode.reference(p)) for p in (path, path._replace(t=path.t * 0)))
+    X, Y, psi, t = np.array([(1.0, 4.0, 9.0), (2.0, 6.0, 6.0), (0.9, 0.5, 0.0), (0.0, 0.25, 1.0)])
+    path = Reference(1, X, Y, psi, t)
+    assert initial_state.start_from_reference(path) == (1.0, 2.0, 0.9, 20.0, 0.0, 0.0)
+    raw, still = (ros.serialize(encode.reference(p)) for p in (path, path._replace(t=0 * t)))
     assert plant_node.read_start_path(raw).t.tolist() == path.t.tolist()
     with pytest.raises(DecodeError, match=r'no speed to start with.*start\.from: parameters'):
         plant_node.read_start_path(still)
@@ -200,3 +206,107 @@ def test_starts_are_taken_from_parameters_or_the_first_pose():
         x_m=1.0, y_m=2.0, yaw_rad=0.3, speed_mps=4.0, lateral_mps=None, yaw_rate_radps=-0.5
     )
     assert initial_state.start_from_parameters(own) == (1.0, 2.0, 0.3, 4.0, 0.0, -0.5)
+
+
+def refused(reason):
+    return f'commands refused: {reason}'
+
+
+SILENT, LATE = 'no command comes, braking straight', 'steps came late and were caught up'
+too_far, reject = Command(START_NS, 9.0, 0.0, 0.0, 0.0), RealtimeStepper.reject
+# what happens to a plant, one after the other, and its level and message after each
+STORIES = {
+    'well': [(tick, 10, OK, 'running')],
+    'late command': [
+        (tick, 1, OK, 'running'),
+        (silence, 1, OK, 'running'),
+        (step, 1, WARN, 'commands come late'),
+    ],
+    'silence is remembered after commands came again': [
+        (silence, 4, ERROR, SILENT),
+        (tick, 4, ERROR, SILENT),
+        (tick, 45, OK, 'running'),
+    ],
+    'a refusal is remembered for two seconds': [
+        (RealtimeStepper.command, too_far, WARN, refused('steer is 9 rad, allowed -0.49 to 0.49')),
+        (reject, 'no steer', WARN, refused('no steer')),
+        (tick, 34, WARN, refused('no steer')),
+        (tick, 15, OK, 'running'),
+    ],
+    'late steps after a refusal': [
+        (reject, 'no steer', WARN, refused('no steer')),
+        (catch_up, 4, WARN, f'{refused("no steer")}; {LATE}'),
+    ],
+    'silence comes before the refusals that led to it': [
+        (reject, 'no steer', WARN, refused('no steer')),
+        (silence, 4, ERROR, f'{SILENT}; {refused("no steer")}'),
+    ],
+    'late steps': [(tick, 1, OK, 'running'), (catch_up, 4, WARN, LATE)],
+}
+
+
+@pytest.mark.parametrize('name', STORIES)
+def test_health_names_every_cause_by_weight_and_remembers_it(params, name):
+    loop = stepper(RealtimeStepper, params)
+    monitor = HealthMonitor(loop)
+    for happens, argument, level, message in STORIES[name]:
+        happens(loop, argument)
+        status = monitor.health(loop.car.stamp_ns)
+        assert (status.name, status.level, status.message) == ('plant', level, message), happens
+
+
+def test_a_command_ages_from_the_instant_at_which_it_is_due(params):
+    loop, levels = stepper(RealtimeStepper, params), []
+    loop.command(coast(START_NS))
+    for after_ms in (50, 100, 101, 150, 151):
+        loop.advance_to(START_NS + after_ms * STEP_NS)
+        HealthMonitor(loop).health(loop.car.stamp_ns)
+        levels.append(loop.command_monitor.held_level)
+    assert levels == [OK, OK, WARN, WARN, ERROR]
+    assert loop.controller_gone
+
+
+def test_health_counts_what_it_names(params):
+    loop = stepper(RealtimeStepper, params)
+    loop.command(coast(START_NS))
+    catch_up(loop, 5)
+    loop.command(too_far._replace(stamp_ns=loop.car.stamp_ns))
+    loop.reject('no steer')
+    silence(loop, 1)
+    values = HealthMonitor(loop).health(loop.car.stamp_ns).values
+    expected = {
+        'commands_rejected': 2,
+        'last_rejection': 'no steer',
+        'rejected.out_of_range': 1,
+        'rejected.unreadable': 1,
+        'missed_steps': 4,
+        'longest_gap_steps': 5,
+        'controller_gone': False,
+        'age.command_ms': 5.0,
+        'age.command_limit_ms': 100.0,
+        'age.command_refused': 2,
+    }
+    assert {name: values[name] for name in expected} == expected
+    silence(loop, 3)
+    tick(loop, 1)
+    values = HealthMonitor(loop).health(loop.car.stamp_ns).values
+    assert (values['age.command_stale'], values['controller_gone']) == (1, False)
+
+
+def test_in_lockstep_there_are_no_ages_and_nothing_is_missed(params):
+    status = HealthMonitor(stepper(LockstepStepper, params)).health(START_NS)
+    assert (status.level, status.values) == (
+        OK,
+        {
+            'commands_rejected': 0,
+            'last_rejection': 'none',
+            'missed_steps': 0,
+            'longest_gap_steps': 1,
+            'controller_gone': False,
+        },
+    )
+
+
+def test_before_its_run_the_plant_says_what_it_waits_for():
+    status = health.waiting(START_NS, 'waiting for a command')
+    assert (status.level, status.message) == (STALE, 'waiting for a command')

@@ -70,44 +70,22 @@ def line_of(text, start):
     return 1 + next(i for i, line in enumerate(text.splitlines()) if line.startswith(start))
 
 
-def forces(tyre_set, bare, mirror=1):
-    rng = np.random.default_rng(5)
-    values = []
-    for _ in range(20):
-        Fz, kappa, slip, gamma = rng.uniform((1e3, -0.3, -0.3, -0.1), (8e3, 0.3, 0.3, 0.1))
-        c = Contact(Fz, kappa, mirror * slip, mirror * gamma, 1.0, 220e3)
-        F = tyre.force(c, tyre_set, bare)
-        values += [F.Fx, mirror * F.Fy]
-    return np.array(values)
-
-
 def test_property_file_is_the_tyre_of_its_yaml(read):
+    """What it leaves out has the documented defaults; without pressure terms NOMPRES is free."""
     book = parameters.load_tyre('tyre_book.yaml')
-    # without pressure terms the nominal pressure has no effect
     assert read(TEXT) == replace(book, reference=replace(book.reference, NOMPRES=200e3))
 
 
-def test_missing_coefficients_have_the_documented_defaults(read):
-    given = {line.split('=')[0].strip().upper() for line in TEXT.splitlines() if '=' in line}
-    values = yaml_parameters.flatten(read(TEXT))
-    missing = {key.rpartition('.')[2]: v for key, v in values.items()}
-    missing = {key: v for key, v in missing.items() if key not in given}
-    assert missing.pop('PKY4') == 2.0
-    assert missing.pop('SHY3') == 1.0  # ours: the file is one of 6.1
-    assert missing.pop('NOMPRES') == 200e3
-    assert set(missing.values()) == {0.0}
+REQUIRED = 'fnomin PCX1 PDX1 PKX1 RBX1 RCX1 PCY1 PDY1 PKY1 PKY2 RBY1 RCY1'
+SECTIONS = {'x': '[LONGITUDINAL', 'y': '[LATERAL', 'o': '[vertical'}
 
 
-@pytest.mark.parametrize(
-    'key', ['FNOMIN', 'PCX1', 'PDX1', 'PKX1', 'RBX1', 'RCX1', 'PKY1', 'PKY2', 'RBY1', 'RCY1']
-)
+@pytest.mark.parametrize('key', REQUIRED.split())
 def test_missing_needed_key_is_named_with_its_section(read, key):
-    lines = [line for line in TEXT.splitlines() if not line.upper().startswith(key)]
-    axis = 'F' if key == 'FNOMIN' else key[2]
-    section = {'F': 'vertical', 'X': 'LONGITUDINAL', 'Y': 'LATERAL'}[axis]
-    line = line_of('\n'.join(lines), f'[{section}')
-    with pytest.raises(ParameterError, match=rf'my\.tir:{line}: {key}: is missing'):
-        read('\n'.join(lines))
+    text = TEXT.replace(f'\n{key}', '\n$')
+    line = line_of(text, SECTIONS[key[2].lower()])
+    with pytest.raises(ParameterError, match=rf'my\.tir:{line}: {key.upper()}: is missing from \['):
+        read(text)
 
 
 @pytest.mark.parametrize(
@@ -120,8 +98,9 @@ def test_missing_needed_key_is_named_with_its_section(read, key):
         ('PKX1 = 16', 'PKX1 = nan', 'longitudinal.PKX1: must be finite'),
         ('PKX1 = 16', 'PKX1 = sixteen', "PKX1: 'sixteen' is no number"),
         ('PKX1 = 16', 'PKX1 =', "PKX1: '' is no number"),
-        ('PDX1 = 1.0', 'PCX1 = 1.0', 'PCX1: is there already, in line'),
+        ('PDX1 = 1.0', 'PCX1 = 1.0', 'PCX1: is there already, in line 22'),
         ('FITTYP = 61', 'FITTYP = 21', 'FITTYP: is 21; allowed 6 or 52 or 61 or 62'),
+        ('FITTYP = 61', '$\n[MODEL]', 'FITTYP: is missing'),
         ("TYRESIDE = 'Left'", "TYRESIDE = 'TOP'", "TYRESIDE: is 'TOP'; allowed LEFT"),
         ('PDX1 = 1.0', 'PDX1 1.0', "'PDX1 1.0' is no section, no KEY = value"),
         ('RBX1 = 8.3', 'RBX1 = 8.3\nLMUY = -1', 'LMUY: is -1'),
@@ -137,94 +116,60 @@ def test_mistake_is_named_with_file_line_and_key(read, old, new, message):
         read(text)
 
 
-def test_file_without_a_formula_is_refused(read):
-    with pytest.raises(ParameterError, match=r'my\.tir:9: FITTYP: is missing'):
-        read(TEXT.replace('FITTYP = 61', '$'))
+def forces(tyre_set, bare, mirror=1):
+    rng = np.random.default_rng(5)
+    values = []
+    for _ in range(20):
+        Fz, kappa, slip, gamma = rng.uniform((1e3, -0.3, -0.3, -0.1), (8e3, 0.3, 0.3, 0.1))
+        c = Contact(Fz, kappa, mirror * slip, mirror * gamma, 1.0, 220e3)
+        F = tyre.force(c, tyre_set, bare)
+        values += [F.Fx, mirror * F.Fy]
+    return np.array(values)
 
 
-def asymmetric(read, bare, side):
-    values = (
-        'PHY1 = .003\nPHY2 = .001\nPVY1 = .04\nPVY2 = .02\nPVY3 = -.3\nPVY4 = .1\nPEY1 = -1\n'
-        'PEY3 = .2\nPEY4 = -3\nRBY3 = .02\nRVY1 = .05\nRVY2 = .07\nRVY3 = .5\nRVY4 = 12\n'
-        'RVY5 = 1.9\nRVY6 = -10\nPHY3 = .01\nPKY3 = -.02\nPDY3 = 2\nRHX1 = .007\nRHY1 = .009\n'
-    )
-    return read(TEXT.replace("'Left'", f"'{side}'") + values)
+ASYMMETRIC = """
+PHY1 = .003\nPHY2 = .001\nPVY1 = .04\nPVY2 = .02\nPVY3 = -.3\nPVY4 = .1\nPEY1 = -1\nPEY3 = .2
+PEY4 = -3\nRBY3 = .02\nRVY1 = .05\nRVY2 = .07\nRVY3 = .5\nRVY4 = 12\nRVY5 = 1.9\nRVY6 = -10
+PHY3 = .01\nPKY3 = -.02\nPDY3 = 2\nRHX1 = .007\nRHY1 = .009
+"""
 
 
-def test_tyre_measured_on_the_right_is_mirrored(read, bare):
-    """The plant keeps left-hand tyres: the same coefficients of the other side are its mirror."""
-    left, right = (asymmetric(read, bare, side) for side in ('left', 'RIGHT'))
-    assert forces(right, bare) == pytest.approx(forces(left, bare, mirror=-1), rel=1e-12)
-    assert np.abs(forces(right, bare) - forces(left, bare)).max() > 50.0
-
-
-def test_side_is_left_where_the_file_does_not_say(read):
-    assert read(TEXT.replace("TYRESIDE = 'Left'", '!')) == read(TEXT)
+def test_tyre_measured_on_the_right_is_the_mirror_of_the_same_coefficients_on_the_left(read, bare):
+    unsaid = read(TEXT.replace("TYRESIDE = 'Left'", '!') + ASYMMETRIC)
+    right = forces(read(TEXT.replace("'Left'", "'RIGHT'") + ASYMMETRIC), bare)
+    assert read(TEXT + ASYMMETRIC) == unsaid
+    assert right == pytest.approx(forces(unsaid, bare, mirror=-1), rel=1e-12)
+    assert np.abs(right - forces(unsaid, bare)).max() > 50.0
 
 
 def test_scaling_factors_of_the_file_are_those_of_the_plant(read, bare):
     """Pure slip: in combined slip only the car's own factors move the slip of the peak."""
     rng = np.random.default_rng(11)
-    factors = {f.name: rng.uniform(0.8, 1.2) for f in fields(bare)}
-    factors |= {'LEX': 0.9, 'LEY': 0.9}
+    factors = {f.name: rng.uniform(0.8, 1.2) for f in fields(bare)} | {'LEX': 0.9, 'LEY': 0.9}
     shifts = 'PHX1 = .01\nPVX1 = .02\nPEX1 = .3\nPHY1 = .01\nPVY1 = .02\nPVY3 = -.3\nPEY1 = -.8\n'
     lines = ''.join(f'{key} = {value!r}\n' for key, value in factors.items())
     scaled = read(TEXT + shifts + '[SCALING_COEFFICIENTS]\n' + lines)
-    for slip in ({'kappa': 0.07}, {'tan_alpha': 0.06}):
+    plain = read(TEXT + shifts)
+    for slip, which in (({'kappa': 0.07}, 0), ({'tan_alpha': 0.06}, 1)):
         c = Contact(3500.0, 0.0, 0.0, 0.04, 1.0, 220e3)._replace(**slip)
-        by_file = tyre.force(c, scaled, bare)
-        by_car = tyre.force(c, read(TEXT + shifts), type(bare)(**factors))
-        which = 'Fx' if 'kappa' in slip else 'Fy'
-        assert getattr(by_file, which) == pytest.approx(getattr(by_car, which), rel=1e-12)
+        by_car = tyre.force(c, plain, type(bare)(**factors))[which]
+        assert tyre.force(c, scaled, bare)[which] == pytest.approx(by_car, rel=1e-12)
 
 
-CHRONO = """\
-[MODEL]
-PROPERTY_FILE_FORMAT = 'PAC2002'
-TYRESIDE = 'LEFT'
-[VERTICAL]
-FNOMIN = 4850
-[SCALING_COEFFICIENTS]
-LFZO = 0.81
-[LONGITUDINAL_COEFFICIENTS]
-"""
-
-
-def test_pac2002_with_a_scaled_load_is_the_245_40r18_of_the_yaml(read, bare):
-    published = parameters.load_tyre('tyre_245_40r18.yaml')
-    lines = [
-        f'{key} = {value!r}\n'
-        for key, value in (
-            (dotted.rpartition('.')[2], value)
-            for dotted, value in yaml_parameters.flatten(published).items()
-        )
-        if key not in ('FNOMIN', 'NOMPRES', 'PKY4', 'PKY6', 'PKY7') and value
-    ]
-    values = yaml_parameters.flatten(read(CHRONO + ''.join(lines)))
-    expected = yaml_parameters.flatten(published) | {'reference.NOMPRES': 200e3}
-    assert values == pytest.approx(expected, rel=1e-12)
-
-
-@pytest.mark.parametrize('friction', [1.0, 0.5])
-@pytest.mark.parametrize('LMUY', [1.0, 1.03])
-def test_camber_shift_of_5_2_is_that_of_phy3_alone(bare, friction, LMUY):
-    """Stiffness with camber: Ky PHY3 plus the vertical shift, and nothing of 6.1."""
-    scaling = replace(symmetric(bare), LMUY=LMUY)
-    tyre_set = parameters.load_tyre('tyre_245_40r18.yaml')
-    h, Fz = 1e-5, 4500.0
-    Fy = [
-        tyre.force(Contact(Fz, 0.0, 0.0, s * h, friction, 220e3), tyre_set, scaling).Fy
-        for s in (-1, 1)
-    ]
-    y = tyre_set.lateral
-    Ky = tyre.stiffness(Contact(Fz, 0.0, 0.0, 0.0, friction, 220e3), tyre_set, scaling).Ky
-    dfz = Fz / tyre_set.reference.FNOMIN - 1
-    expected = Ky * y.PHY3 + Fz * (y.PVY3 + y.PVY4 * dfz) * LMUY * friction
-    assert (Fy[1] - Fy[0]) / (2 * h) == pytest.approx(expected, rel=1e-4)
-
-
-def symmetric(bare):
-    return replace(bare, LHX=0.0, LVX=0.0, LHY=0.0, LVY=0.0)
+def test_pac2002_with_a_scaled_load_is_the_245_40r18_of_the_yaml(read):
+    """The file that Chrono has; its formula, 5.2, has the camber shift PHY3 instead of others."""
+    published = yaml_parameters.flatten(parameters.load_tyre('tyre_245_40r18.yaml'))
+    not_in_it = ('FNOMIN', 'NOMPRES', 'PKY4', 'PKY6', 'PKY7', 'SHY3')
+    named = {dotted.rpartition('.')[2]: value for dotted, value in published.items()}
+    lines = [f'{k} = {v!r}\n' for k, v in named.items() if k not in not_in_it and v]
+    text = (
+        "[MODEL]\nPROPERTY_FILE_FORMAT = 'PAC2002'\nTYRESIDE = 'LEFT'\n[VERTICAL]\nFNOMIN = 4850\n"
+        '[SCALING_COEFFICIENTS]\nLFZO = 0.81\n[LONGITUDINAL_COEFFICIENTS]\n'
+    )
+    values = yaml_parameters.flatten(read(text + ''.join(lines)))
+    assert values == pytest.approx(published | {'reference.NOMPRES': 200e3}, rel=1e-12)
+    assert named['PKY6'] == named['PKY7'] == named['SHY3'] == 0.0
+    assert named['PHY3'] != 0.0
 
 
 def test_property_file_works_wherever_the_yaml_does(tmp_path):
@@ -234,9 +179,6 @@ def test_property_file_works_wherever_the_yaml_does(tmp_path):
     text = parameters.config_file(parameters.DEFAULT_CAR).read_text()
     car.write_text(text.replace('tyre_205_60r15.yaml', str(path)))
     assert parameters.load(car).tyre == tyre_property_file.load(path)
-
-
-def test_tyre_that_is_not_there_is_named(tmp_path):
     for name in ('nobody.tir', str(tmp_path / 'nobody.tir')):
         with pytest.raises(ParameterError, match=r'nobody\.tir'):
             parameters.load_tyre(name)

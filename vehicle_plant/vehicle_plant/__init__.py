@@ -11,7 +11,6 @@ Use:
 Model:
     double_track        equations of motion; suspension, wheel, tyre and actuators are its parts
     multi_body          those of the multi-body model of CommonRoad, in their place
-    plant_models        which of the two moves a plant
     state               state, inputs and outputs as named vectors; trajectories
     road_friction       patches of another friction
     tyre_coefficients, tyre_property_file   Magic Formula tyres, from YAML or .tir

@@ -57,20 +57,16 @@ class FramesPublisher:
             return
         if not self.tf_pub.get_subscription_count():
             return  # they stay due: a car that is held at its start is shown to whoever comes
-        due = trajectory.where(np.array(self._are_due(stamps.tolist())))
+        is_due = np.zeros(len(stamps), dtype=bool)
+        for i, stamp_ns in enumerate(stamps.tolist()):
+            if stamp_ns >= self._due_ns:
+                is_due[i] = True
+                self._due_ns = stamp_ns + self._period_ns
+        due = trajectory.where(is_due)
         moving = [frame for frame in self._car_frames if frame.is_steered]
         for state, actuators in zip(due.states(), due.actuators()):
             wheels = [_mounted(frame, state.stamp_ns, actuators.delta) for frame in moving]
             self.tf_pub.publish(TFMessage(transforms=[encode.transform(state), *wheels]))
-
-    def _are_due(self, stamps):
-        """Return which of the stamps are a period after the one before them that is."""
-        due = []
-        for stamp_ns in stamps:
-            due.append(stamp_ns >= self._due_ns)
-            if due[-1]:
-                self._due_ns = stamp_ns + self._period_ns
-        return due
 
 
 def _mounted(frame, stamp_ns, angle):

@@ -28,12 +28,28 @@ class HealthMonitor:
     def health(self, stamp_ns: int) -> Health:
         """Return the health of a running plant at a stamp."""
         stepper, gate = self._stepper, self._stepper.car.gate
+        present = (
+            (stepper.controller_gone, ERROR, NO_COMMAND),
+            (gate.rejected > self._rejected, WARN, f'commands refused: {gate.last_reason}'),
+            (stepper.missed_steps > self._missed, WARN, 'steps came late and were caught up'),
+        )
+        self._rejected, self._missed = gate.rejected, stepper.missed_steps
+        shown = []
+        for i, (is_present, level, message) in enumerate(present):
+            if is_present:
+                self._messages[i] = message
+            level = self._held[i].update(level if is_present else OK, stamp_ns)
+            shown.append((level, self._messages[i]))
         age_level, age = OK, {}
         if isinstance(stepper, RealtimeStepper):
             stepper.command_monitor.update(stamp_ns)
             age_level = stepper.command_monitor.held_level
             age = stepper.command_monitor.diagnostics(stamp_ns)
-        level, message = self._level_and_message(stamp_ns, age_level)
+        is_gone = shown[0][0] != OK  # which implies the age
+        shown.append((age_level, '' if is_gone else AGE_MESSAGES.get(age_level, '')))
+        # a stable sort: within a level in the order above
+        shown.sort(key=lambda fault: -fault[0])
+        message = '; '.join(text for level, text in shown if level != OK and text) or RUNNING
         values = {
             'commands_rejected': gate.rejected,
             'last_rejection': gate.last_reason or 'none',
@@ -43,29 +59,7 @@ class HealthMonitor:
             'controller_gone': stepper.controller_gone,
             **age,
         }
-        return Health(stamp_ns, NODE, level, message, values)
-
-    def _level_and_message(self, stamp_ns, age_level):
-        stepper, gate = self._stepper, self._stepper.car.gate
-        present = (
-            (stepper.controller_gone, ERROR, NO_COMMAND),
-            (gate.rejected > self._rejected, WARN, f'commands refused: {gate.last_reason}'),
-            (stepper.missed_steps > self._missed, WARN, 'steps came late and were caught up'),
-        )
-        self._rejected, self._missed = gate.rejected, stepper.missed_steps
-        faults = []
-        for i, (is_present, level, message) in enumerate(present):
-            if is_present:
-                self._messages[i] = message
-            faults.append((self._held[i].update(level if is_present else OK, stamp_ns), i))
-        gone = faults[0][0] != OK
-        shown = [(level, self._messages[i]) for level, i in faults if level != OK]
-        if age_level in AGE_MESSAGES and not gone:  # which implies the age
-            shown.append((age_level, AGE_MESSAGES[age_level]))
-        # a stable sort: within a level in the order above
-        shown.sort(key=lambda fault: -fault[0])
-        level = max([age_level, *(level for level, _ in shown)])
-        return level, '; '.join(message for _, message in shown) or RUNNING
+        return Health(stamp_ns, NODE, shown[0][0], message, values)
 
 
 def waiting(stamp_ns: int, message: str) -> Health:

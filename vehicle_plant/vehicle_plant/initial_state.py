@@ -7,7 +7,7 @@ import numpy as np
 
 from msgs_yaml.types import WHEELS, Reference
 from node_runtime import named_vector
-from vehicle_plant import double_track
+from vehicle_plant import suspension
 from vehicle_plant.parameters import PlantParams, StartParams
 from vehicle_plant.state import Planar, State
 
@@ -46,7 +46,7 @@ def rolling_state(params: PlantParams, start: Start) -> np.ndarray:
     x = dict.fromkeys(named_vector.names(State), 0.0)
     x |= zip((f'planar.{name}' for name in Planar._fields), start)
     wheel = params.car.wheel
-    for w, corner in zip(WHEELS, double_track.wheel_corners(params.car)):
+    for w, corner in zip(WHEELS, suspension.wheel_corners(params.car)):
         Vx, Vy = start.speed - corner.y * start.r, start.vy + corner.x * start.r
         x[f'wheels.{w}.omega'] = Vx / wheel.radius_m
         x[f'wheels.{w}.windup'] = float(np.sign(Vx))

@@ -21,8 +21,8 @@ import numpy as np
 from node_runtime import named_vector
 from stage_solver import compile_cache
 from vehicle_plant import double_track, road_friction
+from vehicle_plant.car import MultiBodyParams, PlantParams
 from vehicle_plant.initial_state import Start, rolling_state
-from vehicle_plant.parameters import PlantParams
 from vehicle_plant.state import Outputs, PerWheel, SetPoints, State
 
 STEP_S = 1e-3
@@ -117,6 +117,16 @@ DOUBLE_TRACK = Model(
     steps_per_ms=lambda x: 1,
     state_in_row=True,
 )
+
+
+def model_of(params: PlantParams) -> Model:
+    """Return the model that the parameters are for: the double track, or the multi-body one."""
+    if isinstance(params, MultiBodyParams):
+        # needs a package that a plant of its own does not
+        from vehicle_plant.multi_body.equations import MULTI_BODY
+
+        return MULTI_BODY
+    return DOUBLE_TRACK
 
 
 def parameter_vector(params: PlantParams, friction: float) -> np.ndarray:

@@ -116,16 +116,6 @@ def draw(
     return figure
 
 
-def table(numbers: dict[str, Number]) -> str:
-    """Return one line per number: name, value, unit, meaning."""
-    width = max(map(len, numbers))
-    unit = max(len(n.unit) for n in numbers.values())
-    return '\n'.join(
-        f'{name:<{width}}  {n.value:12.6g}  {n.unit:<{unit}}  {n.meaning}'
-        for name, n in numbers.items()
-    )
-
-
 def record(name: str, friction: float, numbers: dict[str, Number]) -> str:
     """Return the numbers as JSON text; NaN becomes null."""
     values = {
@@ -158,7 +148,9 @@ def main(arguments: list[str] | None = None) -> int:
         numbers, figure = perform(options.name, case)
     except (ParameterError, FileNotFoundError, ValueError) as error:
         parser.exit(1, f'manoeuvre: {error}\n')
-    print(table(numbers))
+    width, unit = max(map(len, numbers)), max(len(n.unit) for n in numbers.values())
+    for name, n in numbers.items():
+        print(f'{name:<{width}}  {n.value:12.6g}  {n.unit:<{unit}}  {n.meaning}')
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
         path = options.out / options.name

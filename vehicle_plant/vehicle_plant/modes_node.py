@@ -25,9 +25,8 @@ class LockstepMode:
     def __init__(self, node: ManagedNode):
         self.node = node
         self.clock_pub = ros.publisher(node, '/clock')
-        self.stepper = self.monitor = None
         self.repeat_timer = self.silence_timer = None
-        self.has_repeated = False
+        self.reset()
 
     def reset(self):
         """Give up the run, if there is one."""
@@ -49,33 +48,28 @@ class LockstepMode:
         self.publish_state()
         self.repeat_timer = ros.steady_timer(self.node, REPEAT_S, self.publish_state)
 
-    def publish_state(self):
-        """Publish the present state."""
-        self.node.publish(self.stepper.car.now)
-        self.clock_pub.publish(encode.clock(self.stepper.car.stamp_ns))
+    def publish_state(self, trajectory=None):
+        """Publish the rows of a tick, or the present state, and the present instant."""
+        car = self.stepper.car
+        self.node.publish(car.now if trajectory is None else trajectory)
+        self.clock_pub.publish(encode.clock(car.stamp_ns))
 
-    def on_command(self, command):
-        """Advance a tick if this is the command for the present instant."""
-        self.on_answer(command.stamp_ns, command)
+    def on_command(self, stamp_ns, command, reason):
+        """Advance a tick if this answers the present instant; end once the last one is answered.
 
-    def on_unreadable(self, stamp_ns, reason):
-        """Advance a tick under the last valid command."""
+        An unreadable command is None: the last valid one stands, for this reason.
+        """
         if self.stepper and self.stepper.is_due(stamp_ns):
-            self.stepper.car.gate.reject(reason)
-        self.on_answer(stamp_ns, None)
-
-    def on_answer(self, stamp_ns, command):
-        """Advance a tick if the present instant is answered; end once the last one is."""
-        if self.stepper and self.stepper.is_due(stamp_ns):
+            if command is None:
+                self.stepper.car.gate.reject(reason)
             self.publish_tick(self.stepper.tick(command))
             self.restart_silence_timer()
         elif self.stepper and stamp_ns == self.stepper.car.stamp_ns:
             self.finish()
 
     def publish_tick(self, trajectory):
-        """Publish the rows of a tick and the instant at its end."""
-        self.node.publish(trajectory)
-        self.clock_pub.publish(encode.clock(self.stepper.car.stamp_ns))
+        """Publish a tick, and the health when it is due."""
+        self.publish_state(trajectory)
         self.node.publish_health(self.stepper, self.monitor, trajectory)
         if self.stepper.controller_gone:
             self.finish()
@@ -126,9 +120,8 @@ class RealtimeMode:
 
     def __init__(self, node: ManagedNode):
         self.node = node
-        self.stepper = self.monitor = self.timer = None
-        self.hold = StartHold()
-        self.silence_log = ChangeFilter()
+        self.timer = None
+        self.reset()
         # a correction of the system's clock must not make the car jump
         self.wall = SteadyClock()
         self.reported_ns = 0
@@ -145,7 +138,7 @@ class RealtimeMode:
         if self.timer:
             self.node.destroy_timer(self.timer)
         self.stepper = self.monitor = self.timer = None
-        self.hold = StartHold()
+        self.hold, self.silence_log = StartHold(), ChangeFilter()
 
     def now_ns(self) -> int:
         """Return the present wall time, whole steps."""
@@ -175,11 +168,16 @@ class RealtimeMode:
         self.node.publish(self.node.simulator_at(now_ns).now)
         self.report_waiting('waiting for a command that answers the start')
 
-    def on_command(self, command):
-        """Follow a command; the first accepted answer to the start begins the run."""
-        if self.stepper:
+    def on_command(self, _, command, reason):
+        """Follow a command; the first accepted answer to the start begins the run.
+
+        An unreadable command is None: it is counted with its reason, the last valid one stands.
+        """
+        if self.stepper and command is None:
+            self.stepper.reject(reason)
+        elif self.stepper:
             self.stepper.command(command)
-        elif self.timer and self.hold.is_answer(command):
+        elif command and self.timer and self.hold.is_answer(command):
             self.start_run(command)
 
     def start_run(self, command):
@@ -196,42 +194,31 @@ class RealtimeMode:
         self.publish_run_start()
         self.node.send_health(self.monitor.health(now_ns))
         self.node.destroy_timer(self.timer)
-        self.silence_log = ChangeFilter()
         self.timer = ros.steady_timer(self.node, STEP_NS / 1e9, self.on_step)
-
-    def on_unreadable(self, _, reason):
-        """Count a command that violates the contract; the last valid one stands."""
-        if self.stepper:
-            self.stepper.reject(reason)
 
     def on_step(self):
         """Advance by all due steps."""
         if not self.stepper or self.stepper.outcome:  # a call that was already queued
             return
         trajectory = self.stepper.advance_to(self.now_ns())
-        self.log_silence()
-        if trajectory:
-            self.node.publish(trajectory)
-            self.node.publish_health(self.stepper, self.monitor, trajectory)
-        if self.stepper.outcome:
-            self.end()
-
-    def log_silence(self):
-        """Log when emergency braking begins, and when a controller is followed again."""
         fault = health.NO_COMMAND if self.stepper.controller_gone else ''
         if self.silence_log.has_changed(fault):
             if fault:
                 self.node.get_logger().error(fault)
             else:
                 self.node.get_logger().warning('commands are back, the car follows them')
+        if trajectory:
+            self.node.publish(trajectory)
+            self.node.publish_health(self.stepper, self.monitor, trajectory)
+        if self.stepper.outcome:
+            self.end()
 
     def end(self):
         """Withdraw the odometry before shutdown: a controller that still had it would brake."""
         self.node.destroy_timer(self.timer)
         self.node.destroy_lifecycle_publisher(self.node.odometry_pub.publisher)
         # the executor has to release the publisher first, which it does while it spins
-        self.timer = ros.steady_timer(self.node, SHUTDOWN_S, self.finish)
-
-    def finish(self):
-        """End the node."""
-        spin_node.finish(self.node, self.stepper.outcome.exit_code)
+        code = self.stepper.outcome.exit_code
+        self.timer = ros.steady_timer(
+            self.node, SHUTDOWN_S, lambda: spin_node.finish(self.node, code)
+        )

@@ -24,6 +24,7 @@ _WITH_EVERY_MODEL = (
     *('outline.', 'steering.', 'force.', 'gate.', 'safe_stop.'),
     *(f'scaling.{axle}.{factor}' for axle in ('front', 'rear') for factor in ('LMUX', 'LMUY')),
 )
+_MOST_STEERING = {'limit_rad': 1.066, 'rate_radps': 0.4}  # of the multi-body model
 # of plant_node, beside those of its file; `from` is no name for a field
 _START_FROM = (
     'where the car starts: at the first pose of the path at its speed there, or as the other '
@@ -127,20 +128,17 @@ def plant_params(node: NodeParams, sources: Mapping[str, str] = NO_SOURCES) -> P
     car = add_delay(node.car, node.command_delay_ms or 0)
     if node.model != MULTI_BODY:
         return PlantParams(car, tyre)
-    _check_multi_body(node, sources)
+    for name, fault in _multi_body_faults(node):
+        raise ParameterError(
+            f'{sources[name]}: {name}: {fault}' if name in sources else f'{name}: {fault}'
+        )
     return MultiBodyParams(car, tyre)
 
 
-def _check_multi_body(node, sources):
-    """Raise ParameterError without the package of the model, or for what does not change it."""
-
-    def error(name, what):
-        return ParameterError(
-            f'{sources[name]}: {name}: {what}' if name in sources else f'{name}: {what}'
-        )
-
+def _multi_body_faults(node):
+    """Yield (name, fault): the package of the model is missing, or what does not change it."""
     if importlib.util.find_spec('vehiclemodels') is None:
-        raise error(
+        yield (
             'model',
             f'{MULTI_BODY} needs the package commonroad-vehicle-models, which is not installed: '
             "pip install 'vehicle_plant[commonroad]'",
@@ -149,21 +147,14 @@ def _check_multi_body(node, sources):
     allowed = parameters.flatten(own.car)
     for name, value in parameters.flatten(node.car).items():
         if value != allowed[name] and not name.startswith(_WITH_EVERY_MODEL):
-            raise error(
-                f'car.{name}',
-                f'is {value!r}; it does not change {MULTI_BODY}, allowed {allowed[name]!r}',
-            )
+            fault = f'it does not change {MULTI_BODY}, allowed {allowed[name]!r}'
+            yield f'car.{name}', f'is {value!r}; {fault}'
     if node.tyre_set != own.tyre_set:
-        raise error('tyre_set', f'does not change {MULTI_BODY}, allowed {own.tyre_set!r}')
-    steering = node.car.steering
-    for name, value, most in (
-        ('limit_rad', steering.limit_rad, 1.066),
-        ('rate_radps', steering.rate_radps, 0.4),
-    ):
+        yield 'tyre_set', f'does not change {MULTI_BODY}, allowed {own.tyre_set!r}'
+    for name, most in _MOST_STEERING.items():
+        value = getattr(node.car.steering, name)
         if value > most:
-            raise error(
-                f'car.steering.{name}', f'is {value!r}; {MULTI_BODY} allows at most {most!r}'
-            )
+            yield f'car.steering.{name}', f'is {value!r}; {MULTI_BODY} allows at most {most!r}'
 
 
 def load(path: Path | None = None) -> PlantParams:

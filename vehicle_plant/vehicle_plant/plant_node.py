@@ -14,7 +14,7 @@ from node_runtime.managed_node import ManagedNode
 from node_runtime.parameters import ParameterError
 from node_runtime.subscriptions_node import PublisherMonitor
 from stage_solver import compile_cache
-from vehicle_plant import health, initial_state, integrator, parameters, plant_models, road_friction
+from vehicle_plant import health, initial_state, integrator, parameters, road_friction
 from vehicle_plant.frames_node import FramesPublisher
 from vehicle_plant.gate import UNREADABLE
 from vehicle_plant.modes_node import LockstepMode, RealtimeMode
@@ -41,7 +41,7 @@ class PlantNode(ManagedNode):
         self.patches = road_friction.patches_from_parameters(self.params.patches)
         try:
             # compiles, if need be, before time starts
-            integrator.library(plant_models.model_of(self.plant))
+            integrator.library(integrator.model_of(self.plant))
         except compile_cache.CompileError as error:
             raise ParameterError(str(error)) from None
         self.odometry_pub = ros.TemplatePublisher(self, '/vehicle/odometry')
@@ -123,21 +123,18 @@ class PlantNode(ManagedNode):
 
     def on_command(self, msg):
         """Pass a command to the mode; log it when it violates the contract or fails the gate."""
+        stamp_ns, command, kind, reason = conversions.stamp_to_ns(msg.header.stamp), None, '', ''
         try:
             command = decode.command(msg)
         except DecodeError as error:
-            self.mode.on_unreadable(conversions.stamp_to_ns(msg.header.stamp), str(error))
-            self.log_rejected(UNREADABLE, str(error))
-        else:
-            rejected = self.mode.stepper.car.gate.rejected if self.mode.stepper else 0
-            self.mode.on_command(command)
-            gate = self.mode.stepper.car.gate if self.mode.stepper else None
-            if gate and gate.rejected > rejected:
-                self.log_rejected(gate.last_code, gate.last_reason)
-
-    def log_rejected(self, kind, reason):
-        """Log the first rejected command of each kind, then counts."""
-        line = self.rejections.line(kind, reason, time.monotonic_ns())
+            kind, reason = UNREADABLE, str(error)
+        rejected = self.mode.stepper.car.gate.rejected if self.mode.stepper else 0
+        self.mode.on_command(stamp_ns, command, reason)
+        gate = self.mode.stepper.car.gate if self.mode.stepper else None
+        if command and gate and gate.rejected > rejected:
+            kind, reason = gate.last_code, gate.last_reason
+        # the first rejected command of each kind, then counts
+        line = kind and self.rejections.line(kind, reason, time.monotonic_ns())
         if line:
             self.get_logger().warning(line)
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from node_runtime import named_vector
 from node_runtime.parameters import ParameterError
-from vehicle_plant import double_track
+from vehicle_plant import suspension
 from vehicle_plant.parameters import FrictionPatchParams, PlantParams
 from vehicle_plant.state import PerWheel, State
 
@@ -110,7 +110,7 @@ def friction_function(state: type = State) -> ca.Function:
     car = named_vector.build(PlantParams, ca.vertsplit(p)).car
     contacts = [
         (planar.X + c * corner.x - s * corner.y, planar.Y + s * corner.x + c * corner.y)
-        for corner in double_track.wheel_corners(car)
+        for corner in suspension.wheel_corners(car)
     ]
     local = PerWheel(*(friction_at(X, Y, friction, patches.T) for X, Y in contacts))
     return ca.Function('local_friction', [x, p, patches, friction], [ca.vertcat(*local)])

@@ -35,21 +35,23 @@ class RunEnd:
     def __init__(self, stop: StopParams, start: Trajectory):
         """Begin at a trajectory of one row."""
         self._stop = stop
-        self._start_ns = int(start.stamp_ns[-1])
         self._last = start
+        self._start_ns = self._still_since_ns = int(start.stamp_ns[-1])
         self._travelled_m = 0.0
         self._moved = False
-        self._standing_s = 0.0
 
     @property
     def standing(self) -> bool:
         """Whether the car has stood still for a second."""
-        return self._standing_s >= _STANDSTILL_S
+        return self._standing_s() >= _STANDSTILL_S
 
     def check(self, piece: Trajectory) -> Outcome | None:
         """Return how the run ended within these rows, or None. Call once per piece, in order."""
         crossing_ns = self._find_crossing(piece)
-        self._update_standstill(piece)
+        speed = np.hypot(piece.column('planar.vx'), piece.column('planar.vy'))
+        moving_ns = piece.stamp_ns[speed >= _STANDSTILL_MPS]
+        if len(moving_ns):
+            self._moved, self._still_since_ns = True, int(moving_ns[-1])
         self._last = Trajectory(piece.stamp_ns[-1:], piece.rows[-1:])
         now_ns = int(piece.stamp_ns[-1])
         if crossing_ns is not None:
@@ -58,10 +60,12 @@ class RunEnd:
         if (now_ns - self._start_ns) / NS_PER_S >= self._stop.time_s:
             message = f'finish line not reached within {self._stop.time_s:g} s'
             return Outcome(FAILED, message, now_ns)
-        longest_s = self._stop.standstill_s or _STANDSTILL_S
-        if self._standing_s >= longest_s and self._moved:
+        if self._moved and self._standing_s() >= (self._stop.standstill_s or _STANDSTILL_S):
             return Outcome(FAILED, 'the car stands still', now_ns)
         return None
+
+    def _standing_s(self) -> float:
+        return (int(self._last.stamp_ns[-1]) - self._still_since_ns) / NS_PER_S
 
     def _find_crossing(self, piece: Trajectory) -> int | None:
         """Return the stamp of the first row behind the line after a row before it."""
@@ -73,18 +77,3 @@ class RunEnd:
         ahead = (X - stop.x_m) * math.cos(stop.yaw_rad) + (Y - stop.y_m) * math.sin(stop.yaw_rad)
         crossed = (ahead[:-1] < 0) & (ahead[1:] >= 0) & (travelled_m >= stop.armed_after_m)
         return int(piece.stamp_ns[np.argmax(crossed)]) if crossed.any() else None
-
-    def _update_standstill(self, piece: Trajectory) -> None:
-        speed = np.hypot(piece.column('planar.vx'), piece.column('planar.vy'))
-        stands = speed < _STANDSTILL_MPS
-        if not stands.any():
-            self._standing_s, self._moved = 0.0, True
-            return
-        previous_ns = np.concatenate([self._last.stamp_ns, piece.stamp_ns[:-1]])
-        step_s = (piece.stamp_ns - previous_ns) / NS_PER_S
-        if stands.all():
-            self._standing_s += float(step_s.sum())
-        else:
-            last_moving = np.flatnonzero(~stands)[-1]
-            self._standing_s = float(step_s[last_moving + 1 :].sum())
-            self._moved = True

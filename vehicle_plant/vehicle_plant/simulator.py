@@ -5,7 +5,7 @@ import copy
 import numpy as np
 
 from msgs_yaml.types import WHEELS, Actuators, Command, VehicleState
-from vehicle_plant import integrator, plant_models
+from vehicle_plant import integrator
 from vehicle_plant.actuators import DelayLine, SetPointRamp, delay_steps
 from vehicle_plant.gate import NS_PER_S, Gate, Verdict
 from vehicle_plant.initial_state import Start
@@ -44,7 +44,7 @@ class Simulator:
         if not np.isfinite(start).all():
             raise ValueError(f'the start is not finite: {start}')
         self._params = params
-        self._model = plant_models.model_of(params)
+        self._model = integrator.model_of(params)
         self._p = integrator.parameter_vector(params, friction)
         self._patches = patches if patches is not None and len(patches) else None
         set_points = SetPoints(0.0, 0.0, 0.0)

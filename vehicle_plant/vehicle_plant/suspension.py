@@ -29,43 +29,37 @@ class Corner(NamedTuple):
     Fz_static: Any  # N
 
 
-def corner(body, axle, x, side: int) -> Corner:
-    """Return the corner of an axle at x [m] on side 1 (left) or -1 (right)."""
+def wheel_corners(p) -> tuple[Corner, ...]:
+    """Return the four corners of a `car.Car`, in the order of WHEELS."""
+    body, axles = p.body, p.suspension
     wheelbase = body.cog_to_front_m + body.cog_to_rear_m
-    y = side * axle.track_m / 2
-    other_axle = wheelbase - ca.fabs(x)
     weight = body.mass_kg * body.gravity_mps2
-    return Corner(
-        axle=axle,
-        x=x,
-        y=y,
-        side=side,
-        roll_ratio=axle.roll_centre_height_m / y,
-        pitch_ratio=axle.pitch_centre_height_m / x,
-        Fz_static=weight * other_axle / wheelbase / 2,
-    )
+    corners = []
+    for axle, x in ((axles.front, body.cog_to_front_m), (axles.rear, -body.cog_to_rear_m)):
+        for side in (1, -1):
+            y = side * axle.track_m / 2
+            ratios = axle.roll_centre_height_m / y, axle.pitch_centre_height_m / x
+            Fz_static = weight * (wheelbase - ca.fabs(x)) / wheelbase / 2
+            corners.append(Corner(axle, x, y, side, *ratios, Fz_static))
+    return tuple(corners)
 
 
-def travel(ride, wheel, c: Corner):
+def travel(ride, wheel, c: Corner) -> tuple[Any, Any]:
     """Return the compression of a corner and its rate [m, m/s]."""
     compression = wheel.z - (ride.z + c.y * ride.phi - c.x * ride.theta)
     rate = wheel.vz - (ride.vz + c.y * ride.p - c.x * ride.q)
     return compression, rate
 
 
-def spring_force(compression, rate, opposite, c: Corner):
-    """Return the upward force on the body by spring, damper and anti-roll bar [N].
+def force_on_body(travel, opposite, contact_force, c: Corner):
+    """Return the upward force on the body by spring, damper, anti-roll bar and links [N].
 
-    opposite: compression at the other wheel of the axle [m].
+    travel, opposite: those of this wheel and of the other one of its axle; contact_force: (Fx, Fy)
+    in body axes [N].
     """
-    axle = c.axle
-    elastic = axle.ride_rate_npm * compression + axle.antiroll_npm * (compression - opposite)
-    return elastic + axle.damper_rate_nspm * rate
-
-
-def link_force(Fx, Fy, c: Corner):
-    """Return the upward force on the body by the links for a contact force in body axes [N]."""
-    return -(c.roll_ratio * Fy + c.pitch_ratio * Fx)
+    (compression, rate), (Fx, Fy), axle = travel, contact_force, c.axle
+    elastic = axle.ride_rate_npm * compression + axle.antiroll_npm * (compression - opposite[0])
+    return elastic + axle.damper_rate_nspm * rate + -(c.roll_ratio * Fy + c.pitch_ratio * Fx)
 
 
 def tyre_load(wheel, c: Corner, p):
@@ -79,43 +73,33 @@ def camber(ride, c: Corner):
     return c.axle.camber_per_roll * ride.phi - c.side * c.axle.static_camber_rad
 
 
-def air_lift(planar, body):
-    """Return the aerodynamic lift of the body at the front and the rear axle [N]."""
-    dynamic_pressure = body.air_density_kgpm3 / 2 * (planar.vx**2 + planar.vy**2)
-    return dynamic_pressure * body.front_lift_area_m2, dynamic_pressure * body.rear_lift_area_m2
-
-
-def ride_acceleration(ride, body_forces, contact_forces, corners, air, p):
+def ride_acceleration(ride, planar, body_forces, contact_forces, corners, p):
     """Return vertical [m/s^2], roll and pitch acceleration [rad/s^2] of the body.
 
-    body_forces: upward [N] per corner; contact_forces: (Fx, Fy) per corner, body axes [N];
-    air: upward [N] per axle.
+    body_forces: upward [N] per corner; contact_forces: (Fx, Fy) per corner, body axes [N].
+    Aerodynamic lift acts at the axles.
     """
-    body, suspension = p.body, p.suspension
-    unsprung = 2 * (suspension.front.unsprung_mass_kg + suspension.rear.unsprung_mass_kg)
-    sprung = body.mass_kg - unsprung
-    height = body.cog_height_m
+    body, (front, rear) = p.body, (p.suspension.front, p.suspension.rear)
+    unsprung = 2 * (front.unsprung_mass_kg + rear.unsprung_mass_kg)
+    sprung, height = body.mass_kg - unsprung, body.cog_height_m
     weight = sprung * body.gravity_mps2
-    roll_arm = height - _at_cog(body, *(a.roll_centre_height_m for a in _axles(suspension)))
-    pitch_arm = height - _at_cog(body, *(a.pitch_centre_height_m for a in _axles(suspension)))
-    roll = weight * roll_arm * ride.phi
-    pitch = weight * pitch_arm * ride.theta
+    wheelbase = body.cog_to_front_m + body.cog_to_rear_m
+
+    def arm(at_front, at_rear):
+        """Return the height of the CoG over a line through two heights at the axles."""
+        return height - (at_front * body.cog_to_rear_m + at_rear * body.cog_to_front_m) / wheelbase
+
+    roll = weight * arm(front.roll_centre_height_m, rear.roll_centre_height_m) * ride.phi
+    pitch = weight * arm(front.pitch_centre_height_m, rear.pitch_centre_height_m) * ride.theta
     for F, (Fx, Fy), c in zip(body_forces, contact_forces, corners):
         roll += c.y * F + height * Fy
         pitch -= c.x * F + height * Fx
-    pitch -= body.cog_to_front_m * air[0] - body.cog_to_rear_m * air[1]
-    lift = sum(body_forces[1:], body_forces[0]) + air[0] + air[1]
+    dynamic_pressure = body.air_density_kgpm3 / 2 * (planar.vx**2 + planar.vy**2)
+    air_f = dynamic_pressure * body.front_lift_area_m2
+    air_r = dynamic_pressure * body.rear_lift_area_m2
+    pitch -= body.cog_to_front_m * air_f - body.cog_to_rear_m * air_r
+    lift = sum(body_forces[1:], body_forces[0]) + air_f + air_r
     return lift / sprung, roll / body.roll_inertia_kgm2, pitch / body.pitch_inertia_kgm2
-
-
-def _axles(suspension):
-    return suspension.front, suspension.rear
-
-
-def _at_cog(body, front, rear):
-    """Interpolate a height between the axles."""
-    wheelbase = body.cog_to_front_m + body.cog_to_rear_m
-    return (front * body.cog_to_rear_m + rear * body.cog_to_front_m) / wheelbase
 
 
 def roll_steer(rack: Any, phi: Any, suspension) -> tuple:

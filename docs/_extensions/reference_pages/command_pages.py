@@ -5,6 +5,7 @@ import io
 import os
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from unittest import mock
 
 import bags.cli
 import experiments.cli
@@ -32,15 +33,13 @@ def pages() -> dict[str, str]:
 
 def help_of(main: Callable[[Sequence[str]], int], words: Sequence[str]) -> str:
     """Return what a command prints with --help."""
-    printed, before = io.StringIO(), os.environ.get('COLUMNS')
-    os.environ['COLUMNS'] = WIDTH
-    try:
-        with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
-            main([*words, '--help'])
-    finally:
-        os.environ.pop('COLUMNS')
-        if before is not None:
-            os.environ['COLUMNS'] = before
+    printed = io.StringIO()
+    with (
+        mock.patch.dict(os.environ, COLUMNS=WIDTH),
+        contextlib.redirect_stdout(printed),
+        contextlib.suppress(SystemExit),
+    ):
+        main([*words, '--help'])
     return printed.getvalue()
 
 

@@ -2,7 +2,6 @@
 
 import inspect
 import sys
-from collections.abc import Iterable
 
 from bags.evaluation import metrics
 from bags.evaluation.metrics.registry import METRICS, Metric
@@ -11,11 +10,11 @@ from reference_pages.markdown import code, table, text
 GOOD = {True: 'yes', False: 'no', None: ''}
 
 
-def page(registered: Iterable[Metric] | None = None) -> str:
-    """Return the page; the metrics are those of `bags.evaluation.metrics` unless given."""
-    assert metrics
+def page() -> str:
+    """Return the page."""
+    assert metrics  # importing it registers them
     by_module: dict[str, list[Metric]] = {}
-    for metric in METRICS.values() if registered is None else registered:
+    for metric in METRICS.values():
         by_module.setdefault(metric.function.__module__, []).append(metric)
     parts = [
         '# Metrics',

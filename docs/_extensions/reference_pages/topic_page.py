@@ -1,13 +1,13 @@
 """The page about the topics of the contract."""
 
 from msgs_yaml import contract
-from msgs_yaml.contract import MODES, Contract, Qos, Topic
+from msgs_yaml.contract import MODES, Qos, Topic
 from reference_pages.markdown import code, number, table, text
 
 
-def page(loaded: Contract | None = None) -> str:
+def page() -> str:
     """Return the page."""
-    loaded = loaded or contract.load()
+    loaded = contract.load()
     topics, derived = loaded.topics.values(), loaded.derived.values()
     profiles = {
         name: topic.qos[mode]

@@ -25,10 +25,10 @@ from experiments.batch import distributions
 from experiments.batch.distributions import MAX_DRAWS, Distribution
 from experiments.configuration.inputs import PLANT_CAR
 from experiments.drive_row import ROLES, SCENARIO_FRICTION, SCENARIO_SETTINGS, SCENARIO_SPEED
+from experiments.families.draw import FAMILIES, NOMINAL
 from experiments.simulation import PLANT_SETTINGS
 from msgs_yaml.strict_yaml import Item, Pattern, YamlError, closest, parse_value, read
 from node_runtime.parameters import Range
-from scenario_publisher.families.draw import FAMILIES, NOMINAL
 
 SETTING_NAMES = f'plant.*, controller.*, {SCENARIO_SPEED} and {SCENARIO_FRICTION}'
 MAX_DRIVES, MAX_RUNS = 200_000, 10_000

@@ -10,9 +10,9 @@ from rich.table import Table
 from bags.command_line import print_text
 from bags.errors import BagError
 from experiments.drive_row import Row
+from experiments.families import draw
 from msgs_yaml.strict_yaml import closest
 from scenario_publisher import scenario
-from scenario_publisher.families import draw
 
 DRIVEN_BY = 'mpcc_road'  # whose distances are drawn
 

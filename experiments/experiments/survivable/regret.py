@@ -15,9 +15,9 @@ import pandas
 from bags.errors import BagError
 from experiments import drive_row, row_runner
 from experiments.drive_row import Offset, Row
+from experiments.families.draw import NOMINAL
 from experiments.library.survival_table import family_of
 from experiments.survivable.survival_search import SEARCH_VERSION, survivable
-from scenario_publisher.families.draw import NOMINAL
 
 # the first drives until the instant of action; all of them are drivers with hindsight
 DRIVERS = ('mpcc', 'mpcc_road')

@@ -276,7 +276,7 @@ def kinematic_rates(x, u: Input, car) -> BodyRates:
     of both models: Polack et al. 2017.
 
     A car that brakes with all of its friction does not follow its steering: the yaw rate is `held`
-    below that of `lateral_grip`.
+    below what the friction of both axles leaves beside `Fx`, LEAST_GRIP of it at least.
     """
     wheelbase = car.l_f + car.l_r
     F = smooth_split(x.Fx, u.lambda_b, car)
@@ -285,7 +285,10 @@ def kinematic_rates(x, u: Input, car) -> BodyRates:
     tan_delta = ca.tan(x.delta)
     vx_rate = (F.f * ca.cos(x.delta) + F.r - F_drag) / car.m
     ay = x.vx**2 * tan_delta / wheelbase
-    held = (1 + (ay / lateral_grip(x.Fx, car)) ** 4) ** -0.25
+    Fz = loads(0.0, car)
+    grip = car.mu_f * Fz.f + car.mu_r * Fz.r
+    greatest_ay = ca.sqrt(ca.fmax(grip**2 - x.Fx**2, 0) + (LEAST_GRIP * grip) ** 2) / car.m
+    held = (1 + (ay / greatest_ay) ** 4) ** -0.25
     r = held * x.vx * tan_delta / wheelbase
     r_rate = held * (vx_rate * tan_delta + x.vx * (1 + tan_delta**2) * u.d_delta) / wheelbase
     return BodyRates(
@@ -293,16 +296,6 @@ def kinematic_rates(x, u: Input, car) -> BodyRates:
         vy=car.l_r * r_rate + (car.l_r * r - x.vy) / SETTLING_S,
         r=r_rate + (r - x.r) / SETTLING_S,
     )
-
-
-def lateral_grip(Fx, car):
-    """Return the lateral acceleration [m/s^2] that the friction of both axles leaves beside `Fx`.
-
-    At least LEAST_GRIP of the friction is left.
-    """
-    Fz = loads(0.0, car)
-    grip = car.mu_f * Fz.f + car.mu_r * Fz.r
-    return ca.sqrt(ca.fmax(grip**2 - Fx**2, 0) + (LEAST_GRIP * grip) ** 2) / car.m
 
 
 def dynamic_rates(x, u: Input, car) -> BodyRates:

@@ -1,8 +1,4 @@
-"""The queries of path and road edges as machine code (queries.c), for the callers in this folder.
-
-Each function of the C file does what the numpy function of the same purpose does, to rounding; the
-numpy functions define the results.
-"""
+"""The queries of path and road edges as machine code: queries.c, called from this folder."""
 
 import ctypes
 from functools import cache
@@ -12,16 +8,8 @@ import numpy as np
 
 from stage_solver import compile_cache
 
-PROJECTION_STEPS = 3  # Newton steps of a projection; each squares the error, below 1 m at first
-S_PENALTY = 1e-3  # m of distance per m along the path, to choose between equally close points
-ROUNDING = 1e-6  # m, more than that of a distance on any road
 # no fused multiply-add and no CPU-specific code: the same bits on every x86-64 machine
-FLAGS = (
-    *('-O2', '-fno-math-errno', '-ffp-contract=off'),
-    f'-DPROJECTION_STEPS={PROJECTION_STEPS}',
-    f'-DS_PENALTY={S_PENALTY!r}',
-    f'-DROUNDING={ROUNDING!r}',
-)
+FLAGS = ('-O2', '-fno-math-errno', '-ffp-contract=off')
 SOURCE = Path(__file__).with_name('queries.c')
 POINTER, LONG, DOUBLE = ctypes.c_void_p, ctypes.c_long, ctypes.c_double
 ARGUMENTS = {

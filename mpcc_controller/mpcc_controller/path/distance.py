@@ -48,11 +48,6 @@ def circle(x, offset, radius) -> Circle:
     return Circle(x.X + offset * functions.cos(x.psi), x.Y + offset * functions.sin(x.psi), radius)
 
 
-def edge_radius(body):
-    """Return the radius [m] of vehicle circles at road edges: their own if they have no other."""
-    return getattr(body, 'edge_radius', body.radius)
-
-
 def v2o(vehicle: Circle, obstacle: Disc):
     """Return D_V2O [m] (paper, eq. 3)."""
     dX, dY = vehicle.X - obstacle.X, vehicle.Y - obstacle.Y

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mpcc_controller.model import elementary_functions as functions
-from mpcc_controller.path import arc, compiled_queries, distance, reference_path, road_edges
+from mpcc_controller.path import arc, compiled_queries, reference_path, road_edges
 from mpcc_controller.path.arc import Arc, Pose
-from mpcc_controller.path.distance import CENTRE_ROUNDING, Disc
+from mpcc_controller.path.distance import CENTRE_ROUNDING, Disc, Edges
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.path.road_edges import Road
 
@@ -53,13 +53,6 @@ class FrenetEdge(NamedTuple):
     s: Any  # m, of a point of the line
     e: Any  # m, of that point
     slope: Any  # -, de/ds
-
-
-class FrenetEdges(NamedTuple):
-    """Both edges of the road beside a stage."""
-
-    left: FrenetEdge
-    right: FrenetEdge
 
 
 def rates(e, dpsi, kappa, vx, vy, r) -> FrenetRates:
@@ -144,7 +137,7 @@ def edge_offset(edge: FrenetEdge, s):
     return edge.e + edge.slope * (s - edge.s)
 
 
-def v2e(point: FrenetPoint, radius, edges: FrenetEdges):
+def v2e(point: FrenetPoint, radius, edges: Edges):
     """Return the distances [m] of a vehicle circle at `point` to the left and the right edge."""
     return (
         edge_offset(edges.left, point.s) - point.e - radius,
@@ -157,9 +150,9 @@ def distances(points: list[FrenetPoint], p):
 
     `p` holds `body`, `obstacles` and `edges`, the last two in path coordinates.
     """
-    radius, at_edges = p.body.radius, distance.edge_radius(p.body)
-    obstacles = [[v2o(point, radius, obstacle) for point in points] for obstacle in p.obstacles]
-    edges = [list(D) for D in zip(*(v2e(point, at_edges, p.edges) for point in points))]
+    body = p.body
+    obstacles = [[v2o(point, body.radius, each) for point in points] for each in p.obstacles]
+    edges = [list(D) for D in zip(*(v2e(point, body.edge_radius, p.edges) for point in points))]
     return obstacles, edges
 
 
@@ -177,32 +170,21 @@ def disc_to_frenet(path: ReferencePath, obstacle: Disc, near: float) -> FrenetDi
     return FrenetDisc(point.s, point.e, obstacle.r_obs)
 
 
-def edges_to_frenet(road: Road, pieces: Arc, window: float) -> FrenetEdges:
+def edges_to_frenet(road: Road, pieces: Arc, window: float) -> Edges:
     """Return both edges beside points of the path (k,): where the normals of the path cross them.
 
-    `window` [m] is that of `road_edges.edge_beside`.
+    `window` [m] is that of `road_edges.edge_beside`. The point of an edge closest to the path need
+    not be on the normal: where the two are not parallel the search starts again at the crossing.
     """
-    return FrenetEdges(*(_edge_to_frenet(line, pieces, window) for line in road))
-
-
-def _edge_to_frenet(line, pieces, window):
-    """Follow the normal of the path to the edge.
-
-    The point of the edge closest to the path need not be on the normal: where the two are not
-    parallel the search starts again at the crossing.
-    """
-    pose = Pose(pieces.X, pieces.Y, pieces.psi)
-    crossing = pose
-    for _ in range(EDGE_STEPS):
-        edge = road_edges.edge_beside(line, crossing.X, crossing.Y, window)
-        e, slope = _normal_crossing(pose, pieces.kappa, edge)
-        crossing = offset_left(pose, e)
-    return FrenetEdge(pieces.theta, e, slope)
-
-
-def _normal_crossing(pose, kappa, edge: distance.Edge):
-    """Return where the normal crosses the tangent of an edge, and de/ds of the edge there."""
-    ahead, left = -arc.lag_error(pose, edge.X, edge.Y), arc.contouring_error(pose, edge.X, edge.Y)
-    tangent = np.tan(edge.psi - pose.psi)
-    e = left - ahead * tangent + edge.kappa * ahead**2 / 2
-    return e, (1 - kappa * e) * tangent
+    pose, edges = Pose(pieces.X, pieces.Y, pieces.psi), []
+    for line in road:
+        crossing = pose
+        for _ in range(EDGE_STEPS):
+            edge = road_edges.edge_beside(line, crossing.X, crossing.Y, window)
+            ahead = -arc.lag_error(pose, edge.X, edge.Y)
+            tangent = np.tan(edge.psi - pose.psi)
+            e = arc.contouring_error(pose, edge.X, edge.Y)
+            e = e - ahead * tangent + edge.kappa * ahead**2 / 2
+            crossing = offset_left(pose, e)
+        edges.append(FrenetEdge(pieces.theta, e, (1 - pieces.kappa * e) * tangent))
+    return Edges(*edges)

@@ -1,15 +1,20 @@
-/* Queries of the path and of the road edges, in SI units.
+/* Queries of the path and of the road edges, in SI units; the Python functions named beside them
+   say what each returns.
 
-   The same as the numpy functions named beside them, in the same order of operations; they differ
-   by the rounding of sin, cos and atan2. Arrays are rows of one matrix, so that a table of n points
-   with the columns X, Y, ... is table[0 .. n-1] = X, table[n .. 2 n-1] = Y and so on.
+   Arrays are rows of one matrix, so that a table of n points with the columns X, Y, ... is
+   table[0 .. n-1] = X, table[n .. 2 n-1] = Y and so on.
 
    Discs bound the blocks of BLOCK chords of a line: a search looks only into blocks that can hold
    the closest chord, so that its cost hardly depends on the length of the line. */
 #include <math.h>
 
-/* PROJECTION_STEPS, S_PENALTY and ROUNDING are those of compiled_queries.py */
 enum { BLOCK = 16 };
+enum { PROJECTION_STEPS = 3 }; /* of Newton; each squares the error, below 1 m at first */
+/* m of distance per m along the path, to choose between equally close points */
+static const double S_PENALTY = 1e-3;
+/* laps whose distances differ by less count as equally close: their chords do not coincide, m */
+static const double LAP_TOLERANCE = 1.0;
+static const double ROUNDING = 1e-6; /* m, more than that of a distance on any road */
 
 static double square(double value) { return value * value; }
 
@@ -111,19 +116,33 @@ static void to_local(const Point *pose, double X, double Y, double *ahead, doubl
   *left = c * dY - s * dX;
 }
 
-/* reference_path.project with a finite `near` */
+/* reference_path.project; with a `near` that is NaN the whole path is searched, and the closest
+   chord of the first stretch of it about as close as any counts */
 double path_project(long n, const double *table, double X, double Y, double near, double reach) {
   const Path path = path_of(n, table);
-  const long end = n - 1;
-  long first = count_up_to(path.theta, n, near - reach, 1) - 1;
-  first = first < 1 ? 1 : first > end - 1 ? end - 1 : first;
-  long last = count_up_to(path.theta, n, near + reach, 1) + 1;
-  last = last < first + 1 ? first + 1 : last > end ? end : last;
+  long first = 1, last = n - 1;
+  double least = INFINITY;
+  if (near == near) {
+    first = count_up_to(path.theta, n, near - reach, 1) - 1;
+    first = first < 1 ? 1 : first > last - 1 ? last - 1 : first;
+    const long end = count_up_to(path.theta, n, near + reach, 1) + 1;
+    last = end < first + 1 ? first + 1 : end > last ? last : end;
+  } else {
+    for (long i = first; i < last; ++i)
+      least = fmin(least, foot_on_chord(path.X, path.Y, i, X, Y).square);
+    least = sqrt(least) + LAP_TOLERANCE;
+  }
   long best = first;
   Foot nearest = foot_on_chord(path.X, path.Y, first, X, Y);
+  int is_close = sqrt(nearest.square) <= least;
   for (long i = first + 1; i < last; ++i) {
     const Foot foot = foot_on_chord(path.X, path.Y, i, X, Y);
-    if (foot.square < nearest.square) nearest = foot, best = i;
+    if (sqrt(foot.square) > least) {
+      if (is_close) break;
+    } else {
+      if (!is_close || foot.square < nearest.square) nearest = foot, best = i;
+      is_close = 1;
+    }
   }
   const double share = best == first || best == last - 1 ? nearest.free : nearest.share;
   double theta = path.theta[best] + share * (path.theta[best + 1] - path.theta[best]);
@@ -132,7 +151,7 @@ double path_project(long n, const double *table, double X, double Y, double near
     double ahead, left;
     to_local(&pose, X, Y, &ahead, &left);
     const double shrink = 1 - pose.kappa * left;
-    if (shrink <= 0) break;
+    if (shrink <= 0) break; /* beyond the centre of the arc there is no foot */
     theta += ahead / shrink;
   }
   return theta;

@@ -4,12 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller.path import arc, compiled_queries
+from mpcc_controller.path import compiled_queries
 from mpcc_controller.path.arc import Arc
 from msgs_yaml.types import Reference
 
-# laps whose distances differ by less count as equally close: their chords do not coincide
-LAP_TOLERANCE_M = 1.0
 STOP_MPS = 1.0  # a path whose desired speed ends at most at this ends in a stop
 PATH_SPEED = 'surroundings.path_speed_mps'  # parameter
 
@@ -117,81 +115,16 @@ def arcs_at(path: ReferencePath, theta) -> tuple[Arc, np.ndarray]:
     return Arc(X, Y, psi, kappa, theta), v
 
 
-def arcs_by_numpy(path: ReferencePath, theta: np.ndarray) -> tuple[Arc, np.ndarray]:
-    """Return `arcs_at`: the definition of what the compiled code does."""
-    # the first arc is for every theta below 0, the last one past the end
-    index = np.searchsorted(path.arcs.theta[1:], theta, side='right')
-    piece = Arc(*(column[index] for column in path.arcs))
-    pose = arc.pose_at(piece, theta)
-    return Arc(pose.X, pose.Y, pose.psi, piece.kappa, theta), path.v[index]
-
-
 def project(path: ReferencePath, X: float, Y: float, near: float | None, reach: float) -> float:
     """Return theta [m] of the point of the path closest to (X, Y).
 
     With `near` only the path within `reach` [m] of that theta is searched, so that a path that
     crosses or repeats itself is not short-cut. With None all of it is searched; of several laps the
-    first one within LAP_TOLERANCE_M of the closest is taken.
+    first one about as close as any, to 1 m, is taken. Past either end the path continues straight.
     """
-    if near is None:
-        return project_by_numpy(path, X, Y, near, reach)
     compiled, table = compiled_queries.library(), path.table
+    near = np.nan if near is None else near
     return compiled.path_project(table.shape[1], table.ctypes.data, X, Y, near, reach)
-
-
-def project_by_numpy(
-    path: ReferencePath, X: float, Y: float, near: float | None, reach: float
-) -> float:
-    """Return `project`: the definition of what the compiled code does."""
-    arcs = path.arcs
-    first, last = 1, arcs.theta.size - 1
-    if near is not None:
-        first = np.clip(np.searchsorted(arcs.theta, near - reach) - 1, first, last - 1)
-        last = np.clip(np.searchsorted(arcs.theta, near + reach) + 1, first + 1, last)
-    nodes = slice(first, last + 1)
-    share, inside, square = feet_on_chords(Arc(*(column[nodes] for column in arcs)), X, Y)
-    best = np.argmin(square) if near is not None else _first_pass(np.sqrt(square))
-    # past either end the path continues straight
-    if best == 0 or best == len(share) - 1:
-        inside[best] = share[best]
-    theta = arcs.theta[first + best] + inside[best] * np.diff(arcs.theta[nodes])[best]
-    return _refine(path, X, Y, float(theta))
-
-
-def _first_pass(gaps):
-    """Return the closest segment of the first stretch of path about as close as any."""
-    close = gaps <= gaps.min() + LAP_TOLERANCE_M
-    first = np.argmax(close)
-    left = np.argmin(close[first:])  # 0: never
-    stretch = gaps[first : first + left] if left else gaps[first:]
-    return first + np.argmin(stretch)
-
-
-def feet_on_chords(corners: Arc, X: float, Y: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the foot of a point on each chord between successive corners of a path (n,).
-
-    Three arrays (n - 1,): the foot as a share of the chord, the same clipped to the chord, and the
-    squared distance [m^2] from the point to the clipped foot.
-    """
-    corners = np.column_stack((corners.X, corners.Y))
-    chords = np.diff(corners, axis=0)
-    offset = np.array((X, Y)) - corners[:-1]
-    share = np.sum(offset * chords, axis=1) / np.sum(chords**2, axis=1)
-    inside = np.clip(share, 0, 1)
-    return share, inside, np.sum((offset - inside[:, None] * chords) ** 2, axis=1)
-
-
-def _refine(path, X, Y, theta):
-    """Move along the path until the lag error vanishes (Newton)."""
-    for _ in range(compiled_queries.PROJECTION_STEPS):
-        piece, _ = arcs_by_numpy(path, np.asarray(theta))
-        pose = arc.pose_at(piece, theta)
-        left = arc.contouring_error(pose, X, Y)
-        shrink = 1 - piece.kappa * left
-        if shrink <= 0:  # the point is beyond the centre of the arc: there is no foot
-            break
-        theta = theta - arc.lag_error(pose, X, Y) / shrink
-    return float(theta)
 
 
 def _wrap(angle):

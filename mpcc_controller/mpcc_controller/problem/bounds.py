@@ -4,7 +4,6 @@ The constrained quantities are those of `ocp.constraints`.
 """
 
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import Limits
 from stage_solver.stage_problem import Bounds
 
-FRICTION = ('front', 'rear')  # the first rows of g, shares of the friction
+AXLES = 2  # front and rear: the first rows of g, shares of their friction
 MARGIN = 1e-3  # relative, between a state that cannot be changed and its bound
 
 
@@ -38,11 +37,9 @@ def build(
     driving, braking = friction_shares(limits, car, Fx, horizon, dt)
     constant = _without_friction(limits, horizon, state, circles)
     g_high, g_low = constant.g_high.copy(), constant.g_low.copy()
-    for column, name in enumerate(FRICTION):
-        g_high[:, column] = getattr(driving, name)[:-1]
-        g_low[:, column] = -getattr(braking, name)[:-1]
+    g_high[:, :AXLES], g_low[:, :AXLES] = driving[:AXLES, :-1].T, -braking[:AXLES, :-1].T
     return constant._replace(
-        g_low=g_low, g_high=g_high, h_low=-braking.total[-1:], h_high=driving.total[-1:]
+        g_low=g_low, g_high=g_high, h_low=-braking[AXLES, -1:], h_high=driving[AXLES, -1:]
     )
 
 
@@ -68,9 +65,8 @@ def _without_friction(limits, horizon, state, circles) -> Bounds:
         lambda_b=limits.brake_front_share_min,
         slack=-free,
     )
-    friction = (free,) * len(FRICTION)
-    g_high = (*friction, *circles * (0.0,))
-    g_low = (*friction, *circles * (-free,))
+    g_high = (*AXLES * (free,), *circles * (0.0,))
+    g_low = (*AXLES * (free,), *circles * (-free,))
     rows = {'x': horizon + 1, 'u': horizon, 'g': horizon, 'h': 1}
     limit = {'x': (x_low, x_high), 'u': (u_low, u_high), 'g': (g_low, g_high), 'h': (-free, free)}
     arrays = {
@@ -83,22 +79,15 @@ def _without_friction(limits, horizon, state, circles) -> Bounds:
     return Bounds(**arrays)
 
 
-class FrictionShares(NamedTuple):
-    """Shares of the friction (N + 1,) that the stages may use."""
-
-    front: np.ndarray
-    rear: np.ndarray
-    total: np.ndarray
-
-
 def friction_shares(
     limits: Limits, car: Car, Fx: float, horizon: int, dt: float
-) -> tuple[FrictionShares, FrictionShares]:
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the shares of the friction that each stage may use to drive and to brake.
 
-    They are those of `limits`, or more where the rate limit keeps the force above them: what an
-    axle needs for the smallest force that can be reached. A driving force is shared between the
-    axles as the car does, a braking force as their friction is, within the limits of lambda_b.
+    Each is (3, N + 1): of the front axle, of the rear axle, of both. They are those of `limits`, or
+    more where the rate limit keeps the force above them: what an axle needs for the smallest force
+    that can be reached. A driving force is shared between the axles as the car does, a braking
+    force as their friction is, within the limits of lambda_b.
     """
     smallest = np.maximum(abs(Fx) - limits.force_rate_nps * dt * np.arange(horizon + 1), 0)
     Fz = single_track.loads(np.copysign(smallest, Fx), car)
@@ -107,15 +96,11 @@ def friction_shares(
         front / (front + rear), limits.brake_front_share_min, limits.brake_front_share_max
     )
     at_front = lambda_b if Fx < 0 else car.lambda_d
-    required = FrictionShares(
-        at_front * smallest / front, (1 - at_front) * smallest / rear, smallest / (front + rear)
-    )
-
-    def shares(use, is_present):
-        return FrictionShares(
-            *(np.maximum(use, (1 + MARGIN) * need * is_present) for need in required)
-        )
-
+    needed = (at_front * smallest / front, (1 - at_front) * smallest / rear)
+    needed = (1 + MARGIN) * np.array((*needed, smallest / (front + rear)))
     drive_use = limits.drive_friction_use
     drive_use = limits.friction_use if drive_use is None else drive_use
-    return shares(drive_use, Fx > 0), shares(limits.friction_use, Fx < 0)
+    return (
+        np.maximum(drive_use, needed * (Fx > 0)),
+        np.maximum(limits.friction_use, needed * (Fx < 0)),
+    )

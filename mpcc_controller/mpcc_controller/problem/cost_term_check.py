@@ -51,7 +51,16 @@ def check_list(terms: Sequence[Any], params: ControllerParams) -> None:
         for group, name in (('formulation', term.switch), ('envelope', term.limit)):
             if name and f'{group}.{name}' not in known:
                 raise CostTermError(f"{term.title}: there is no parameter '{group}.{name}'")
-        _check_weight(term, known[term.parameter])
+        value = known[term.parameter]
+        if value is None:
+            continue
+        if term.parameter.startswith(PRIORITIES):
+            if not 0 <= value < np.inf:
+                raise CostTermError(f'{term.title}: its weight is {value:g}; allowed from 0')
+        elif not value > 0:
+            raise CostTermError(
+                f'{term.title}: its tolerance is {value:g}; allowed above 0: weight = 1/tolerance^2'
+            )
     used = {term.parameter for term in terms}
     leaves = parameters.leaves(ControllerParams)
     for name in weights_of:
@@ -61,19 +70,6 @@ def check_list(terms: Sequence[Any], params: ControllerParams) -> None:
                 f'{params.formulation.name} uses it: put its CostTerm into INPUTS, MPCC or FRENET '
                 'of problem/cost_terms.py, or leave the parameter out'
             )
-
-
-def _check_weight(term, value):
-    """Raise CostTermError for a value that gives no weight."""
-    if value is None:
-        return
-    if term.parameter.startswith(PRIORITIES):
-        if not 0 <= value < np.inf:
-            raise CostTermError(f'{term.title}: its weight is {value:g}; allowed from 0')
-    elif not value > 0:
-        raise CostTermError(
-            f'{term.title}: its tolerance is {value:g}; allowed above 0: weight = 1/tolerance^2'
-        )
 
 
 def squared_error(term: Any, quantities: Any) -> Any:

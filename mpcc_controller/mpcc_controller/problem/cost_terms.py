@@ -170,7 +170,7 @@ TUNED = (
 )
 
 # without the optional terms, for problems without parameters
-PAPER, BASELINE = (tuple(t for t in terms if not t.optional) for terms in (MPCC, FRENET))
+PAPER = tuple(term for term in MPCC if not term.optional)
 
 
 def in_use(terms: Sequence[CostTerm], params: ControllerParams) -> tuple[CostTerm, ...]:

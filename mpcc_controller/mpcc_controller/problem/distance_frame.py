@@ -12,7 +12,7 @@ import numpy as np
 
 from mpcc_controller.path import distance, frenet_frame, road_edges
 from mpcc_controller.path.distance import Circle, Disc, Edge, Edges
-from mpcc_controller.path.frenet_frame import FrenetDisc, FrenetEdge, FrenetEdges
+from mpcc_controller.path.frenet_frame import FrenetDisc, FrenetEdge
 
 EMPTY_SLOT_M = 1e4  # beside the plan: an obstacle there has no priority for any plan
 
@@ -31,7 +31,7 @@ class DistanceFrame(NamedTuple):
 def cartesian_distances(circles: list[Circle], p):
     """Return D_V2O per obstacle and D_V2E per edge [m], each a list over the vehicle's circles."""
     v2o = [[distance.v2o(c, obstacle) for c in circles] for obstacle in p.obstacles]
-    at_edges = [c._replace(r=distance.edge_radius(p.body)) for c in circles]
+    at_edges = [c._replace(r=p.body.edge_radius) for c in circles]
     v2e = [list(D) for D in zip(*(distance.v2e(c, p.edges) for c in at_edges))]
     return v2o, v2e
 
@@ -52,7 +52,7 @@ CARTESIAN = DistanceFrame(
 )
 FRENET = DistanceFrame(
     disc=FrenetDisc(*FrenetDisc._fields),
-    edges=FrenetEdges(*[FrenetEdge(*FrenetEdge._fields)] * 2),
+    edges=Edges(*[FrenetEdge(*FrenetEdge._fields)] * 2),
     distances=frenet_distances,
     obstacle=lambda path, disc, x: frenet_frame.disc_to_frenet(path, disc, np.mean(x.theta)),
     empty_slot=lambda x: FrenetDisc(x.theta, EMPTY_SLOT_M, 0.0),

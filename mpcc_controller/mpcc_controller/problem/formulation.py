@@ -1,37 +1,63 @@
-"""The formulations behind one interface: the paper's MPCC, the Frenet baseline, tracking MPC.
+"""What every formulation is, and the list of them: the paper's MPCC, the Frenet baseline, tracking.
 
 Outside a formulation a plan is in the map: its states are `single_track.State`, its theta the
 distance along the path. Inside it is in the states of the problem that is solved ("local").
 """
 
 from pkgutil import resolve_name
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
 from mpcc_controller.model.single_track import Car
 from mpcc_controller.parameters import FORMULATIONS, INTEGRATED, PROJECTED, ControllerParams
 from mpcc_controller.path.reference_path import ReferencePath
-from mpcc_controller.problem.ocp import Rules, SymbolicOcp
-from mpcc_controller.problem.stage_parameters import Scene, StageParameters
+from mpcc_controller.problem import cost_terms, stage_parameters
+from mpcc_controller.problem.ocp import Rules, SafetyDistance, SymbolicOcp
+from mpcc_controller.problem.stage_parameters import CONSTANTS, Scene, StageParameters
 from node_runtime.parameters import ParameterError
 from stage_solver.stage_problem import Plan
 
 
-class Formulation(Protocol):
-    """One optimal control problem: what the planner needs to know of it."""
+class Formulation:
+    """One optimal control problem: what the planner needs to know of it.
+
+    A subclass sets the class variables and `ocp`, and gives its stages their parameters.
+    """
 
     tuned_weights: ClassVar[tuple[str, ...]]  # parameters of the weights that tuning varies
     distances: ClassVar[tuple[str, ...]]  # allowed values of formulation.distance
     has_lag: ClassVar[bool]  # whether formulation.lag may be true
     integrates_theta: ClassVar[bool]  # whether model.theta may be integrated
     has_track_centre: ClassVar[bool]  # whether the track is arcs around the centre of the road
-    car: Car
     ocp: SymbolicOcp
-    rules: Rules
+
+    def __init__(self, params: ControllerParams, car: Car, rules: Rules):
+        self.car, self.rules = car, rules
+        # of vehicle circles and of obstacles in the problem
+        self.size = len(params.body.circle_offsets_m), params.surroundings.max_obstacles
+        self.set_params(params)
 
     def set_params(self, params: ControllerParams) -> None:
         """Take other weights and limits into the parameters of the stages."""
+        self.params, terms = params, self.rules.terms
+        values = (
+            self.car,
+            cost_terms.weights(terms, params),
+            SafetyDistance(params.safety.obstacle_m, params.safety.edge_m),
+            stage_parameters.vehicle_circles(params.body),
+            cost_terms.limits(terms, params),
+            params.limits.least_speed_mps,
+        )
+        self.constants = dict(zip(CONSTANTS, values, strict=True))
+        self.constant_numbers = stage_parameters.constant_numbers(values)
+
+    def on_road(self, car: Car | None) -> tuple[dict[str, Any], np.ndarray]:
+        """Return constants and their numbers with another car, as on a road of other friction."""
+        if car is None or car is self.car:
+            return self.constants, self.constant_numbers
+        numbers = np.concatenate((car, self.constant_numbers[len(car) :]))
+        return self.constants | {'car': car}, numbers
 
     def stage_parameters(
         self, scene: Scene, guess: np.ndarray, car: Car | None = None
@@ -40,12 +66,15 @@ class Formulation(Protocol):
 
         `car` is `self.car` with the friction that is believed now; None: with its own.
         """
+        raise NotImplementedError
 
     def to_local(self, plan: Plan, path: ReferencePath) -> Plan:
         """Return a plan in the map in the states of the problem; multipliers are kept."""
+        return plan
 
     def to_map(self, plan: Plan, path: ReferencePath) -> Plan:
         """Return a plan of the problem in the map."""
+        return plan
 
 
 def find(name: str) -> type[Formulation]:

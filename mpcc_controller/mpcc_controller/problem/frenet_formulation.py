@@ -14,13 +14,15 @@ import numpy as np
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.path import distance, frenet_frame, reference_path
+from mpcc_controller.path import frenet_frame, reference_path
 from mpcc_controller.path.arc import Arc
-from mpcc_controller.path.frenet_frame import FrenetEdges, FrenetPoint
+from mpcc_controller.path.distance import Edges
+from mpcc_controller.path.frenet_frame import FrenetPoint
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import cost_terms, ocp, priorities, stage_parameters
 from mpcc_controller.problem.cost_terms import StageQuantities
 from mpcc_controller.problem.distance_frame import FRENET
+from mpcc_controller.problem.formulation import Formulation
 from mpcc_controller.problem.ocp import (
     Constraints,
     Rules,
@@ -28,7 +30,7 @@ from mpcc_controller.problem.ocp import (
     SymbolicOcp,
     VehicleCircles,
 )
-from mpcc_controller.problem.stage_parameters import ConstantParameters, Scene, StageParameters
+from mpcc_controller.problem.stage_parameters import Scene, StageParameters
 from stage_solver.stage_problem import Plan
 
 LENGTH_ROUNDING = 1e-4  # m^2; 1 cm, keeps the distance to the centre of the track differentiable
@@ -63,7 +65,7 @@ class FrenetStage(NamedTuple):
     least_speed: Any  # m/s
     kappa: Any  # 1/m, mean curvature of the path over the step, left positive
     v_ref: Any  # m/s
-    edges: FrenetEdges
+    edges: Edges  # of FrenetEdge
     obstacles: tuple  # of FrenetDisc
 
 
@@ -74,17 +76,6 @@ class FrenetErrors(NamedTuple):
     dpsi: Any  # rad
 
 
-def template(circles: int, obstacles: int, rules: Rules) -> FrenetStage:
-    """Return a `FrenetStage` of the given size; its leaves have no meaning."""
-    return FrenetStage(
-        **ocp.common_template(circles, rules),
-        kappa='kappa',
-        v_ref='v_ref',
-        edges=FRENET.edges,
-        obstacles=(FRENET.disc,) * obstacles,
-    )
-
-
 def rates(x: FrenetState, u: Input, p: FrenetStage) -> FrenetState:
     """Return dx/dt: the paper's car in path coordinates."""
     body = single_track.body_rates(x, u, p.car)
@@ -92,32 +83,23 @@ def rates(x: FrenetState, u: Input, p: FrenetStage) -> FrenetState:
     return FrenetState(*path, *body, delta=u.d_delta, Fx=u.d_Fx)
 
 
-def distances(x: FrenetState, p: FrenetStage):
-    """Return D_V2O per obstacle and D_V2E per edge [m], each a list over the vehicle's circles."""
-    points = [point_ahead(x, offset) for offset in p.body.offsets]
-    return frenet_frame.distances(points, p)
-
-
 def quantities(x: FrenetState, u: Input | None, p: FrenetStage, rules: Rules) -> StageQuantities:
     """Return what the squared errors of a stage are computed from."""
-    v2o, v2e = distances(x, p)
+    points = [point_ahead(x, offset) for offset in p.body.offsets]
+    v2o, v2e = frenet_frame.distances(points, p)
     errors = FrenetErrors(x.e, x.dpsi)
     return StageQuantities(x, u, p, errors, x.dpsi, v2o, v2e, rules.priority)
 
 
 def constraints(x: FrenetState, u: Input, p: FrenetStage) -> Constraints:
     """Return the constrained quantities, the same as those of the MPCC."""
-    return ocp.constraints(
-        x, u, p, [_beyond_track(x, p, offset) for offset in ocp.track_offsets(p.body)]
-    )
-
-
-def _beyond_track(x, p, offset):
-    """Return how far [m] the circle `offset` ahead of the CoG is beyond the track."""
-    point = point_ahead(x, offset)
-    left, right = (frenet_frame.edge_offset(edge, point.s) for edge in p.edges)
-    gap = ca.sqrt((point.e - (left + right) / 2) ** 2 + LENGTH_ROUNDING)
-    return gap - ((left - right) / 2 - distance.edge_radius(p.body))
+    beyond = []
+    for offset in ocp.track_offsets(p.body):
+        point = point_ahead(x, offset)
+        left, right = (frenet_frame.edge_offset(edge, point.s) for edge in p.edges)
+        gap = ca.sqrt((point.e - (left + right) / 2) ** 2 + LENGTH_ROUNDING)
+        beyond.append(gap - ((left - right) / 2 - p.body.edge_radius))
+    return ocp.constraints(x, u, p, beyond)
 
 
 def point_ahead(x: FrenetState, offset) -> FrenetPoint:
@@ -126,13 +108,19 @@ def point_ahead(x: FrenetState, offset) -> FrenetPoint:
 
 
 @cache
-def symbolic_ocp(circles: int, obstacles: int, rules: Rules | None = None) -> SymbolicOcp:
+def symbolic_ocp(circles: int, obstacles: int, rules: Rules) -> SymbolicOcp:
     """Return the formulation for vehicle circles and obstacles of the given numbers."""
-    rules = rules or Rules(FRENET, priorities.step_priority, cost_terms.BASELINE)
+    template = FrenetStage(
+        **ocp.common_template(circles, rules),
+        kappa='kappa',
+        v_ref='v_ref',
+        edges=FRENET.edges,
+        obstacles=(FRENET.disc,) * obstacles,
+    )
     return SymbolicOcp(
         name='frenet',
         state=FrenetState,
-        template=template(circles, obstacles, rules),
+        template=template,
         scale_x=SCALE_X,
         rates=rates,
         terms=rules.terms,
@@ -153,25 +141,7 @@ def mean_curvatures(arcs: Arc) -> np.ndarray:
     return np.append(mean, arcs.kappa[-1])
 
 
-def plan_to_frenet(plan: Plan, path: ReferencePath) -> Plan:
-    """Return a plan in the map (N + 1, 9) in path coordinates (N + 1, 8); multipliers are kept."""
-    x = State(*plan.X.T)
-    point = frenet_frame.refine(path, x.X, x.Y, x.theta)
-    dpsi = x.psi - frenet_frame.to_cartesian(path, point).psi
-    turns = np.round(dpsi / (2 * np.pi))
-    states = FrenetState(*point, dpsi - 2 * np.pi * turns, x.vx, x.vy, x.r, x.delta, x.Fx)
-    return plan._replace(X=np.column_stack(states))
-
-
-def plan_to_map(plan: Plan, path: ReferencePath) -> Plan:
-    """Return a plan in path coordinates in the map; its theta is the distance along the path."""
-    x = FrenetState(*plan.X.T)
-    pose = frenet_frame.to_cartesian(path, FrenetPoint(x.s, x.e))
-    states = State(pose.X, pose.Y, pose.psi + x.dpsi, x.vx, x.vy, x.r, x.s, x.delta, x.Fx)
-    return plan._replace(X=np.column_stack(states))
-
-
-class FrenetFormulation(ConstantParameters):
+class FrenetFormulation(Formulation):
     """The baseline of Brown & Gerdes; see `formulation.Formulation`."""
 
     tuned_weights = (*cost_terms.TUNED, 'tolerances.heading_rad')
@@ -183,11 +153,8 @@ class FrenetFormulation(ConstantParameters):
     def __init__(self, params: ControllerParams, car: Car):
         priority = priorities.PRIORITIES[params.formulation.priority]
         terms = cost_terms.in_use(cost_terms.FRENET, params)
-        body = stage_parameters.body_type(params)
-        super().__init__(
-            params, car, Rules(FRENET, priority, terms, single_track.structure(car), body)
-        )
-        self.ocp = symbolic_ocp(*stage_parameters.size(params), self.rules)
+        super().__init__(params, car, Rules(FRENET, priority, terms, single_track.structure(car)))
+        self.ocp = symbolic_ocp(*self.size, self.rules)
 
     def stage_parameters(
         self, scene: Scene, guess: np.ndarray, car: Car | None = None
@@ -211,9 +178,17 @@ class FrenetFormulation(ConstantParameters):
         return stage_parameters.to_matrix(stages, obstacles, len(guess), numbers)
 
     def to_local(self, plan: Plan, path: ReferencePath) -> Plan:
-        """Return a plan in the map in path coordinates; multipliers are kept."""
-        return plan_to_frenet(plan, path)
+        """Return a plan in the map (N + 1, 9) in path coordinates (N + 1, 8)."""
+        x = State(*plan.X.T)
+        point = frenet_frame.refine(path, x.X, x.Y, x.theta)
+        dpsi = x.psi - frenet_frame.to_cartesian(path, point).psi
+        turns = np.round(dpsi / (2 * np.pi))
+        states = FrenetState(*point, dpsi - 2 * np.pi * turns, x.vx, x.vy, x.r, x.delta, x.Fx)
+        return plan._replace(X=np.column_stack(states))
 
     def to_map(self, plan: Plan, path: ReferencePath) -> Plan:
-        """Return a plan in path coordinates in the map."""
-        return plan_to_map(plan, path)
+        """Return a plan in path coordinates in the map; theta is the distance along the path."""
+        x = FrenetState(*plan.X.T)
+        pose = frenet_frame.to_cartesian(path, FrenetPoint(x.s, x.e))
+        states = State(pose.X, pose.Y, pose.psi + x.dpsi, x.vx, x.vy, x.r, x.s, x.delta, x.Fx)
+        return plan._replace(X=np.column_stack(states))

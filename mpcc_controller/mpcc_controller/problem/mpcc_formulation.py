@@ -19,6 +19,7 @@ from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import cost_terms, ocp, priorities, stage_parameters
 from mpcc_controller.problem.cost_terms import CostTerm, StageQuantities
 from mpcc_controller.problem.distance_frame import CARTESIAN, FRAMES
+from mpcc_controller.problem.formulation import Formulation
 from mpcc_controller.problem.ocp import (
     Constraints,
     Rules,
@@ -26,12 +27,12 @@ from mpcc_controller.problem.ocp import (
     SymbolicOcp,
     VehicleCircles,
 )
-from mpcc_controller.problem.stage_parameters import ConstantParameters, Scene, StageParameters
-from stage_solver.stage_problem import Plan
+from mpcc_controller.problem.stage_parameters import Scene, StageParameters
 
 # The solver's units: forces in kN, everything else in SI
 SCALE_X = State(X=1, Y=1, psi=1, vx=1, vy=1, r=1, theta=1, delta=1, Fx=1e3)
 LENGTH_ROUNDING = 1e-4  # m^2; 1 cm, keeps the distance to the centre of the track differentiable
+LEAST_EDGE_M = 0.05  # D_sft,E on the narrowest road
 
 
 class Stage(NamedTuple):
@@ -58,46 +59,23 @@ class TrackingErrors(NamedTuple):
     lag: Any  # m, behind positive
 
 
-def template(circles: int, obstacles: int, rules: Rules) -> Stage:
-    """Return a `Stage` of the given size; its leaves have no meaning."""
-    return Stage(
-        **ocp.common_template(circles, rules),
-        path=Arc(*Arc._fields),
-        v_ref='v_ref',
-        centre=Arc(*Arc._fields),
-        half_width='half_width',
-        edges=rules.frame.edges,
-        obstacles=(rules.frame.disc,) * obstacles,
-    )
-
-
-def tracking_errors(x: State, p: Stage) -> TrackingErrors:
-    """Return the contouring and the lag error (paper, section 3.1)."""
-    pose = arc.pose_at(p.path, x.theta)
-    return TrackingErrors(arc.contouring_error(pose, x.X, x.Y), arc.lag_error(pose, x.X, x.Y))
-
-
 def quantities(x: State, u: Input | None, p: Stage, rules: Rules) -> StageQuantities:
     """Return what the squared errors of a stage are computed from."""
     circles = [distance.circle(x, offset, p.body.radius) for offset in p.body.offsets]
     v2o, v2e = rules.frame.distances(circles, p)
-    heading_error = x.psi - arc.pose_at(p.path, x.theta).psi
-    return StageQuantities(x, u, p, tracking_errors(x, p), heading_error, v2o, v2e, rules.priority)
+    pose = arc.pose_at(p.path, x.theta)
+    errors = TrackingErrors(arc.contouring_error(pose, x.X, x.Y), arc.lag_error(pose, x.X, x.Y))
+    return StageQuantities(x, u, p, errors, x.psi - pose.psi, v2o, v2e, rules.priority)
 
 
 def constraints(x: State, u: Input, p: Stage) -> Constraints:
     """Return the constrained quantities (paper, section 3.2)."""
-    room = p.half_width - distance.edge_radius(p.body)
-    return ocp.constraints(
-        x, u, p, [_from_centre(x, p, offset) - room for offset in ocp.track_offsets(p.body)]
-    )
-
-
-def _from_centre(x, p, offset):
-    """Return how far [m] the point `offset` ahead of the CoG is from the centre of the road."""
-    point = distance.circle(x, offset, 0.0)
-    centre = arc.pose_at(p.centre, x.theta + offset)
-    return ca.sqrt((point.X - centre.X) ** 2 + (point.Y - centre.Y) ** 2 + LENGTH_ROUNDING)
+    room, beyond = p.half_width - p.body.edge_radius, []
+    for offset in ocp.track_offsets(p.body):
+        point, centre = distance.circle(x, offset, 0.0), arc.pose_at(p.centre, x.theta + offset)
+        square = (point.X - centre.X) ** 2 + (point.Y - centre.Y) ** 2
+        beyond.append(ca.sqrt(square + LENGTH_ROUNDING) - room)
+    return ocp.constraints(x, u, p, beyond)
 
 
 @cache
@@ -110,10 +88,19 @@ def symbolic_ocp(
 ) -> SymbolicOcp:
     """Return the formulation for vehicle circles and obstacles of the given numbers."""
     rules = rules or Rules(CARTESIAN, priorities.gaussian_priority, cost_terms.PAPER)
+    template = Stage(
+        **ocp.common_template(circles, rules),
+        path=Arc(*Arc._fields),
+        v_ref='v_ref',
+        centre=Arc(*Arc._fields),
+        half_width='half_width',
+        edges=rules.frame.edges,
+        obstacles=(rules.frame.disc,) * obstacles,
+    )
     return SymbolicOcp(
         name=name,
         state=State,
-        template=template(circles, obstacles, rules),
+        template=template,
         scale_x=SCALE_X,
         rates=lambda x, u, p: single_track.derivative(x, u, p.car),
         terms=rules.terms,
@@ -122,7 +109,7 @@ def symbolic_ocp(
     )
 
 
-class MpccFormulation(ConstantParameters):
+class MpccFormulation(Formulation):
     """The paper's MPCC; see `formulation.Formulation`."""
 
     tuned_weights = (*cost_terms.TUNED, 'tolerances.lag_m')
@@ -140,11 +127,9 @@ class MpccFormulation(ConstantParameters):
             priorities.PRIORITIES[options.priority],
             cost_terms.in_use(self.terms, params),
             single_track.structure(car),
-            stage_parameters.body_type(params),
         )
         super().__init__(params, car, rules)
-        size = stage_parameters.size(params)
-        self.ocp = symbolic_ocp(*size, rules, options.name, self.quantities)
+        self.ocp = symbolic_ocp(*self.size, rules, options.name, self.quantities)
 
     def stage_parameters(
         self, scene: Scene, guess: np.ndarray, car: Car | None = None
@@ -159,10 +144,16 @@ class MpccFormulation(ConstantParameters):
         aligned = bool(params.surroundings.align_track)
         track = road_edges.track_beside(scene.road, arcs, window, aligned)
         slots, obstacles = stage_parameters.obstacle_slots(params, frame, scene, x)
-        D_sft = constants['D_sft']
-        edge = stage_parameters.edge_distance(params, track.half_width)
+        if params.safety.fit_edges:
+            # where the road is narrow, at most the room beside a car in the middle: a distance that
+            # no line keeps would cost wherever the car drives, and to stand before the passage
+            # would be cheaper
+            room = track.half_width - constants['body'].edge_radius
+            D_sft = constants['D_sft']
+            edge = np.clip(room, LEAST_EDGE_M, D_sft.e)
+            constants = constants | {'D_sft': D_sft._replace(e=edge)}
         stages = Stage(
-            **(constants | {'D_sft': D_sft._replace(e=edge)}),
+            **constants,
             path=reference,
             v_ref=v_ref,
             centre=track.centre,
@@ -175,9 +166,3 @@ class MpccFormulation(ConstantParameters):
     def reference(self, path: ReferencePath, x: State) -> tuple[Arc, np.ndarray]:
         """Return the arcs of the path and the desired speeds [m/s] of the guessed states `x`."""
         return reference_path.arcs_at(path, x.theta)
-
-    def to_local(self, plan: Plan, path: ReferencePath) -> Plan:
-        """Return the plan: the states of the problem are those of the map."""
-        return plan
-
-    to_map = to_local

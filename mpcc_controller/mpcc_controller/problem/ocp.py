@@ -35,14 +35,7 @@ class VehicleCircles(NamedTuple):
 
     radius: Any  # m
     offsets: tuple  # m ahead of the CoG, one per circle
-
-
-class NarrowCircles(NamedTuple):
-    """The circles that cover the vehicle, of another radius at road edges."""
-
-    radius: Any  # m
-    offsets: tuple  # m ahead of the CoG, one per circle
-    edge_radius: Any  # m
+    edge_radius: Any  # m, of the same circles at road edges
 
 
 class Constraints(NamedTuple):
@@ -80,7 +73,6 @@ class Rules(NamedTuple):
     priority: Any  # (D, D_sft) -> q / P_k
     terms: tuple[CostTerm, ...]
     car: Car = single_track.PAPER  # its structure
-    body: type = VehicleCircles  # or `NarrowCircles`
 
 
 def common_template(circles: int, rules: Rules) -> dict[str, Any]:
@@ -90,7 +82,7 @@ def common_template(circles: int, rules: Rules) -> dict[str, Any]:
         'car': rules.car,
         'weights': kind(*kind._fields),
         'D_sft': SafetyDistance(*SafetyDistance._fields),
-        'body': rules.body(*rules.body._fields)._replace(offsets=('offset',) * circles),
+        'body': VehicleCircles('radius', ('offset',) * circles, 'edge_radius'),
         'envelope': limits(*limits._fields),
         'least_speed': 'least_speed',
     }
@@ -132,14 +124,12 @@ def constraints(x, u: Input, p, beyond_track: Sequence) -> Constraints:
 def track_offsets(body) -> tuple:
     """Return where along the car [m ahead of the CoG] circles must be on the track.
 
-    Of a single circle, as in the paper, the CoG. Of several the centres; where circles of another
-    radius count at edges, the outer ones move to the ends of what the set covers: it is as wide as
-    the car there, too.
+    Of a single circle, as in the paper, the CoG. Of several the centres; where they are smaller at
+    edges, the outer ones move to the ends of what the set covers: it is as wide as the car there,
+    too.
     """
     if len(body.offsets) == 1:
         return (0.0,)
-    if not hasattr(body, 'edge_radius'):
-        return body.offsets
     half_share = ca.sqrt(ca.fmax(body.radius**2 - body.edge_radius**2, 0))
     first, *between, last = body.offsets
     return (first - half_share, *between, last + half_share)

@@ -1,6 +1,6 @@
 """Evaluates a plan: cost by term, distances, priorities, use of the friction. SI units."""
 
-from functools import cache, lru_cache
+from functools import cache, lru_cache, reduce
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -33,7 +33,7 @@ class PlanEvaluator:
     def __init__(self, symbolic: SymbolicOcp):
         self._symbolic = symbolic
         self._input_terms = tuple(term.name for term in symbolic.terms if term.uses_input)
-        self._evaluators = cache(lambda count: BufferedFunction(_function(symbolic).map(count)))
+        self._evaluators = cache(lambda count: BufferedFunction(_stage(symbolic)[1].map(count)))
 
     def evaluate(self, plan: Plan, P: np.ndarray) -> PlanValues:
         """Return the values of a plan in the states of the formulation, parameters P (N + 1, np).
@@ -45,7 +45,7 @@ class PlanEvaluator:
         evaluate = self._evaluators(len(plan.X))
         numbers = evaluate(X=plan.X.ravel(), U=U.ravel(), P=P.ravel())['values']
         rows = numbers.reshape(len(plan.X), -1).T.copy()
-        values = named_vector.build(_values(self._symbolic), rows)
+        values = named_vector.build(_stage(self._symbolic)[0], rows)
         for name in self._input_terms:
             getattr(values.costs, name)[-1] = 0
         return values
@@ -56,32 +56,19 @@ class PlanEvaluator:
 
 
 @lru_cache(MAX_CACHED_PROBLEMS)
-def _function(symbolic: SymbolicOcp) -> ca.Function:
-    """Return (X, U, P) -> the values of one stage, flat."""
-    outputs = ca.vertcat(*named_vector.leaves(_values(symbolic)))
-    return ca.Function(
-        'evaluate', list(_symbols(symbolic).flat), [outputs], ['X', 'U', 'P'], ['values']
-    )
-
-
-@lru_cache(MAX_CACHED_PROBLEMS)
-def _symbols(symbolic):
-    return ocp.symbols(symbolic)
-
-
-@lru_cache(MAX_CACHED_PROBLEMS)
-def _values(symbolic) -> PlanValues:
-    """Return the values of one stage as expressions in `_symbols`."""
-    _, x, u, p = _symbols(symbolic)
+def _stage(symbolic: SymbolicOcp) -> tuple[PlanValues, ca.Function]:
+    """Return the values of one stage as expressions, and (X, U, P) -> the same, flat."""
+    flat, x, u, p = ocp.symbols(symbolic)
     quantities = symbolic.quantities(x, u, p)
     errors = cost_terms.squared_errors(symbolic.terms, quantities)
     v2o, v2e = (
-        tuple(_smallest(circles) for circles in group) for group in (quantities.v2o, quantities.v2e)
+        tuple(reduce(ca.fmin, circles) for circles in group)
+        for group in (quantities.v2o, quantities.v2e)
     )
     acting = single_track.acting(x, u, p.car)
     Fz = single_track.loads(acting.Fx, p.car)
     F = single_track.tyre_forces(acting, u, p.car)
-    return PlanValues(
+    values = PlanValues(
         costs=type(p.weights)(**cost_terms.costs(errors, p.weights)),
         v2o=v2o,
         v2e=v2e,
@@ -93,10 +80,5 @@ def _values(symbolic) -> PlanValues:
         ),
         tracking=quantities.tracking,
     )
-
-
-def _smallest(distances):
-    smallest = distances[0]
-    for D in distances[1:]:
-        smallest = ca.fmin(smallest, D)
-    return smallest
+    outputs = ca.vertcat(*named_vector.leaves(values))
+    return values, ca.Function('evaluate', [*flat], [outputs], ['X', 'U', 'P'], ['values'])

@@ -5,7 +5,7 @@ at some hundred states: on the path and around it, at the limits, and at rest, w
 norm of an error has no derivative. What is not finite there would stop solves while the car drives.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -44,7 +44,7 @@ class _Function(NamedTuple):
 
     name: str  # how a message calls it
     is_cost: bool
-    expression: Any  # CasADi
+    depends: Sequence[bool]  # whether on each state and input
 
 
 def check(formulation: Formulation, params: ControllerParams) -> None:
@@ -57,87 +57,76 @@ def check(formulation: Formulation, params: ControllerParams) -> None:
     X, U = _samples(params, scene.path)
     P = formulation.stage_parameters(scene, X).P
     local = formulation.to_local(Plan(X, U), scene.path).X
+    names, points = (*formulation.ocp.state._fields, *Input._fields), np.column_stack((local, U))
     for has_input in (True, False):
-        _check_stage(formulation.ocp, has_input, local, U, P)
+        functions, derivatives = _derivatives(formulation.ocp, has_input)
+        shape = len(functions), -1, len(points)
+        tables = (np.array(t).reshape(shape) for t in derivatives(local.T, U.T, P.T))
+        for function, *own in zip(functions, *tables):
+            _check_function(function, names, points, *own)
 
 
-def _check_stage(symbolic, has_input, X, U, P):
-    """Check the functions of a stage, or of the last one, which has no input."""
-    functions, derivatives = _derivatives(symbolic, has_input)
-    names, points = (*symbolic.state._fields, *Input._fields), np.column_stack((X, U))
-    tables = (np.array(table) for table in derivatives(X.T, U.T, P.T))
-    shape = len(functions), -1, len(points)
-    values, gradients, curvatures = (table.reshape(shape) for table in tables)
-    for function, *own in zip(functions, values, gradients, curvatures):
-        fault = _find_fault(function.is_cost, names, *own)
-        if fault:
-            sample, what = fault
-            where = _describe(function, symbolic, names, points[sample])
-            sign = '; a squared error must not be negative either' if function.is_cost else ''
-            raise (CostTermError if function.is_cost else ParameterError)(
-                f'{function.name}: {what} at {where}; value, first and second derivatives must be '
-                f'finite wherever the car may be{sign}'
-            )
-
-
-def _find_fault(is_cost, names, value, gradient, curvature):
-    """Return the first sample at which a function cannot be used and what is wrong, or None."""
-    tables = (
+def _check_function(function, names, points, value, gradient, curvature):
+    """Raise for the first sample at which a function or a derivative cannot be used."""
+    sample, what, sign = None, '', ''
+    for text, by, table in (
         ('its value is', ('',), value),
         ('its derivative by {} is', names, gradient),
         ('its second derivative by {} is', names, curvature),
-    )
-    for text, by, table in tables:
+    ):
         samples, rows = np.nonzero(~np.isfinite(table.T))
         if len(samples):
-            return samples[0], f'{text.format(by[rows[0]])} {table[rows[0], samples[0]]:g}'
-    if is_cost and value.min() < -ROUNDING:
-        return np.argmin(value), f'its value is {value.min():.4g}'
-    return None
-
-
-def _describe(function, symbolic, names, point):
-    """Return the sample by the quantities that the function depends on."""
-    xs, us, _ = _symbols(symbolic).flat
-    used = ca.which_depends(function.expression, ca.vertcat(xs, us), 1, False)
-    shown = [f'{name} = {value:.4g}' for name, value, is_used in zip(names, point, used) if is_used]
+            sample = samples[0]
+            what = f'{text.format(by[rows[0]])} {table[rows[0], sample]:g}'
+            break
+    if sample is None and function.is_cost and value.min() < -ROUNDING:
+        sample, what = np.argmin(value), f'its value is {value.min():.4g}'
+    if sample is None:
+        return
+    # the sample by the quantities that the function depends on
+    shown = [
+        f'{name} = {number:.4g}'
+        for name, number, is_used in zip(names, points[sample], function.depends)
+        if is_used
+    ]
     more = [f'{len(shown) - SHOWN} more'] if len(shown) > SHOWN else []
-    return ', '.join(shown[:SHOWN] + more) or 'every state'
-
-
-@lru_cache(MAX_CACHED_PROBLEMS)
-def _symbols(symbolic):
-    return ocp.symbols(symbolic)
+    where = ', '.join(shown[:SHOWN] + more) or 'every state'
+    if function.is_cost:
+        sign = '; a squared error must not be negative either'
+    raise (CostTermError if function.is_cost else ParameterError)(
+        f'{function.name}: {what} at {where}; value, first and second derivatives must be '
+        f'finite wherever the car may be{sign}'
+    )
 
 
 @lru_cache(2 * MAX_CACHED_PROBLEMS)
-def _derivatives(symbolic: SymbolicOcp, has_input: bool) -> tuple[tuple[_Function, ...], Any]:
+def _derivatives(symbolic: SymbolicOcp, has_input: bool) -> tuple[list[_Function], Any]:
     """Return the functions of a stage, and (X, U, P) -> values and derivatives, sample by column.
 
-    The second derivatives are sums of magnitudes: they are finite where every element is.
+    Without an input, of the last stage. The second derivatives are sums of magnitudes: they are
+    finite where every element is.
     """
-    (xs, us, ps), *_ = _symbols(symbolic)
-    functions = tuple(_functions(symbolic, has_input))
-    gradients, curvatures = [], []
-    for function in functions:
-        hessian, gradient = ca.hessian(function.expression, ca.vertcat(xs, us))
-        gradients.append(ca.densify(gradient))
-        curvatures.append(ca.densify(ca.sum2(ca.fabs(hessian))))
-    tables = ([function.expression for function in functions], gradients, curvatures)
-    return functions, ca.Function('check', [xs, us, ps], [ca.vertcat(*rows) for rows in tables])
-
-
-def _functions(symbolic, has_input) -> Iterator[_Function]:
-    _, x, u, p = _symbols(symbolic)
+    (xs, us, ps), x, u, p = ocp.symbols(symbolic)
+    variables = ca.vertcat(xs, us)
     titles = {term.name: term.title for term in symbolic.terms}
-    for name, error in symbolic.errors(x, u if has_input else None, p).items():
-        yield _Function(titles[name], True, ca.SX(error))
+    errors = symbolic.errors(x, u if has_input else None, p)
+    expressions = [(titles[name], True, error) for name, error in errors.items()]
     if has_input:
-        for name, value in _built('state equations', symbolic.rates, x, u, p).items():
-            yield _Function(f"the rate of the state '{name}'", False, ca.SX(value))
+        for name, rate in _built('state equations', symbolic.rates, x, u, p).items():
+            expressions.append((f"the rate of the state '{name}'", False, rate))
         for name, values in _built('constraints', symbolic.constraints, x, u, p).items():
             for value in named_vector.leaves((values,)):
-                yield _Function(f"the constraint '{name}'", False, ca.SX(value))
+                expressions.append((f"the constraint '{name}'", False, value))
+    functions, tables = [], ([], [], [])
+    for name, is_cost, expression in expressions:
+        expression = ca.SX(expression)
+        hessian, gradient = ca.hessian(expression, variables)
+        curvature = ca.densify(ca.sum2(ca.fabs(hessian)))
+        for table, rows in zip(tables, (expression, ca.densify(gradient), curvature)):
+            table.append(rows)
+        depends = ca.which_depends(expression, variables, 1, False)
+        functions.append(_Function(name, is_cost, depends))
+    return functions, ca.Function('check', [xs, us, ps], [ca.vertcat(*rows) for rows in tables])
 
 
 def _built(what, build: Callable, x, u, p) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 Shared by all formulations. The names of the YAML files end here; SI units and symbols from here on.
 """
 
-from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -11,30 +10,21 @@ import numpy as np
 
 from mpcc_controller.model import stability
 from mpcc_controller.model.single_track import BLEND_FROM_MPS, Car, State
-from mpcc_controller.parameters import CarParams, ControllerParams
+from mpcc_controller.parameters import Body, CarParams, ControllerParams
 from mpcc_controller.path import distance
 from mpcc_controller.path.distance import Disc
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.path.road_edges import Road
-from mpcc_controller.problem import cost_terms
-from mpcc_controller.problem.cost_terms import CostTerm
 from mpcc_controller.problem.distance_frame import DistanceFrame
 from mpcc_controller.problem.obstacle_motion import moved, position
-from mpcc_controller.problem.ocp import NarrowCircles, Rules, SafetyDistance, VehicleCircles
+from mpcc_controller.problem.ocp import SafetyDistance, VehicleCircles
 from msgs_yaml.conversions import ns_to_s
 from msgs_yaml.types import Obstacle, Obstacles
 from node_runtime import named_vector
 from node_runtime.parameters import ParameterError
 
-LEAST_EDGE_M = 0.05  # D_sft,E on the narrowest road
-CONSTANTS = (
-    'car',
-    'weights',
-    'D_sft',
-    'body',
-    'envelope',
-    'least_speed',
-)  # the first fields of the stages
+# the first fields of the parameters of a stage: equal at all stages
+CONSTANTS = ('car', 'weights', 'D_sft', 'body', 'envelope', 'least_speed')
 
 
 class Scene(NamedTuple):
@@ -110,78 +100,16 @@ def with_friction(car: Car, friction: float, params: ControllerParams) -> Car:
     return car._replace(mu_f=share * car.mu_f, mu_r=share * car.mu_r)
 
 
-def constant_parameters(
-    params: ControllerParams, car: Car, terms: Sequence[CostTerm]
-) -> dict[str, Any]:
-    """Return the first stage parameters of every formulation, by name: equal at all times."""
-    values = (
-        car,
-        cost_terms.weights(terms, params),
-        SafetyDistance(params.safety.obstacle_m, params.safety.edge_m),
-        _vehicle_circles(params.body),
-        cost_terms.limits(terms, params),
-        params.limits.least_speed_mps,
-    )
-    return dict(zip(CONSTANTS, values, strict=True))
-
-
-def body_type(params: ControllerParams) -> type:
-    """Return the type of the vehicle circles in the stage parameters."""
-    return VehicleCircles if params.body.edge_radius_m is None else NarrowCircles
-
-
-def _vehicle_circles(body):
-    circles = VehicleCircles(body.circle_radius_m, tuple(body.circle_offsets_m))
-    if body.edge_radius_m is None:
-        return circles
-    return NarrowCircles(*circles, body.edge_radius_m)
+def vehicle_circles(body: Body) -> VehicleCircles:
+    """Return the circles of the parameters; those without a radius at edges keep their own."""
+    at_edges = body.circle_radius_m if body.edge_radius_m is None else body.edge_radius_m
+    return VehicleCircles(body.circle_radius_m, tuple(body.circle_offsets_m), at_edges)
 
 
 def constant_numbers(stages) -> np.ndarray:
     """Return the numbers of the constant parameters, the first fields of `stages`."""
     numbers = named_vector.leaves(stages[: len(CONSTANTS)])
     return np.array([value if np.ndim(value) == 0 else value[0] for value in numbers], float)
-
-
-def edge_distance(params: ControllerParams, half_width: np.ndarray) -> np.ndarray | float:
-    """Return D_sft,E [m], with `safety.fit_edges` (N + 1,) for a road of `half_width` [m].
-
-    Where the road is narrow it is at most the room beside a car in the middle: a distance that no
-    line keeps would cost wherever the car drives, and to stand before the passage would be cheaper.
-    """
-    if not params.safety.fit_edges:
-        return params.safety.edge_m
-    at_edge = params.body.edge_radius_m or params.body.circle_radius_m
-    return np.clip(half_width - at_edge, LEAST_EDGE_M, params.safety.edge_m)
-
-
-def size(params: ControllerParams) -> tuple[int, int]:
-    """Return the numbers of vehicle circles and of obstacles in the problem."""
-    return len(params.body.circle_offsets_m), params.surroundings.max_obstacles
-
-
-class ConstantParameters:
-    """Base of the formulations: the stage parameters that are equal at all stages.
-
-    They may change between two ticks. `constants` are those of `constant_parameters`.
-    """
-
-    def __init__(self, params: ControllerParams, car: Car, rules: Rules):
-        self.car, self.rules = car, rules
-        self.set_params(params)
-
-    def set_params(self, params: ControllerParams) -> None:
-        """Take other weights and limits into the parameters of the stages."""
-        self.params = params
-        self.constants = constant_parameters(params, self.car, self.rules.terms)
-        self.constant_numbers = constant_numbers(tuple(self.constants.values()))
-
-    def on_road(self, car: Car | None) -> tuple[dict[str, Any], np.ndarray]:
-        """Return constants and their numbers with another car, as on a road of other friction."""
-        if car is None or car is self.car:
-            return self.constants, self.constant_numbers
-        numbers = np.concatenate((car, self.constant_numbers[len(car) :]))
-        return self.constants | {'car': car}, numbers
 
 
 def obstacle_slots(params: ControllerParams, frame: DistanceFrame, scene: Scene, x: State):

@@ -74,13 +74,12 @@ static void move(const Workspace *s, double primal, double dual, Point *to)
  * s->trial. Returns the accepted step length, 0 when there is none.
  *
  * `restore`: only the violation has to decrease (the restoration of the filter). */
-static double line_search(Workspace *s, Filter *filter, int restore, long long *trials)
+static double line_search(Workspace *s, Filter *filter, int restore)
 {
     double violation = s->here.violation, objective = s->here.f - s->mu * s->here.log_sum;
     double round_off = ROUND_OFF * (1 + fabs(objective));
     double step = s->primal_step;
     for (int halved = 0; halved < HALVINGS; halved++, step *= 0.5) {
-        ++*trials;
         move(s, step, s->dual_step, &s->next);
         evaluate_values(s, &s->next, &s->trial);
         double new_violation = s->trial.violation;

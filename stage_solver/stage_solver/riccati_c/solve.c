@@ -36,10 +36,9 @@ static double now(void)
 
 /* Factorise with the least delta that is enough, `delta` or more (Waechter & Biegler 2006,
  * algorithm IC); 0 when there is none. */
-static int regularise(Workspace *s, double delta, long long *count)
+static int regularise(Workspace *s, double delta)
 {
     while (delta <= MOST_DELTA) {
-        ++*count;
         if (factorise(s, delta)) {
             s->delta = delta;
             if (delta > 0)
@@ -79,15 +78,15 @@ static void keep_best(Workspace *s, double feasible)
 
 /* Step to s->next; returns its length, 0 when no direction is acceptable. First the direction of
  * Newton's method; then, with more and more delta, the shortest one that leads to feasibility. */
-static double find_step(Workspace *s, Filter *filter, Call *call)
+static double find_step(Workspace *s, Filter *filter)
 {
     double delta = 0;
     for (int attempt = 0; attempt < 3; attempt++) {
-        if (!regularise(s, delta, &call->factorisations))
+        if (!regularise(s, delta))
             return 0;
         roll_forward(s);
         complete_step(s);
-        double step = line_search(s, filter, attempt == 2, &call->trials);
+        double step = line_search(s, filter, attempt == 2);
         if (step > 0)
             return step;
         delta = attempt == 0 ? fmax(1.0, 10 * s->delta) : RESTORING_DELTA;
@@ -115,7 +114,7 @@ static int iterate(Workspace *s, Call *call, int warm, double deadline)
 
         barrier_terms(s);
         evaluate_quadratic(s, &s->at);
-        double step = find_step(s, &filter, call);
+        double step = find_step(s, &filter);
         if (step == 0)
             return SETBACK;
         s->accepted++;
@@ -163,7 +162,7 @@ size_t riccati_call_bytes(void) { return sizeof(Call); }
 void riccati_solve(Workspace *s, Call *call)
 {
     double deadline = now() + call->time_limit;
-    call->iterations = call->trials = call->factorisations = 0;
+    call->iterations = 0;
     call->cost = __builtin_nan("");
     call->primal_residual = call->dual_residual = __builtin_inf();
     call->status = BAD_INPUT;

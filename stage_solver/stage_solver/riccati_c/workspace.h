@@ -39,7 +39,7 @@ typedef struct {
     double step_residual, step_decrease; /* 0, or when one step is enough (ONE_STEP) */
     double cost, primal_residual, dual_residual; /* result */
     long long warm, max_iterations;
-    long long status, iterations, trials, factorisations; /* result */
+    long long status, iterations; /* result */
     long long stage, part; /* of the first derivative that is not finite, with BAD_DERIVATIVES */
 } Call;
 

@@ -7,7 +7,7 @@ from bags.errors import BagError
 from experiments import drive_row
 from experiments.batch import study_file, study_rows
 from experiments.drive_row import NOMINAL
-from scenario_publisher.families import draw as families
+from experiments.families import draw as families
 
 MASS = 'plant.car.body.mass_kg'
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from bags.evaluation.metrics import survival
 from experiments import simulation
 from experiments.commands import library
+from experiments.families import draw, feasibility
 from experiments.library import catalogue
-from scenario_publisher.families import draw, feasibility
 
 ROOT = Path(__file__).parents[3]
 TEXT = ' '.join((ROOT / 'docs/library.md').read_text().split())

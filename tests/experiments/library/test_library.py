@@ -6,9 +6,9 @@ import pytest
 from pyarrow import parquet
 
 from experiments import cli, code_version
+from experiments.families import draw
 from experiments.library import catalogue
 from scenario_publisher import scenario
-from scenario_publisher.families import draw
 
 
 def test_draws_are_driven_once_and_judged(tmp_path, capsys):

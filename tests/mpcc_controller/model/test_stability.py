@@ -7,11 +7,33 @@ import pytest
 
 from mpcc_controller import minimum_speed
 from mpcc_controller.driving.controller import Controller
+from mpcc_controller.model import stability
 from mpcc_controller.model.single_track import Input, State
-from mpcc_controller.problem import stage_parameters
 from node_runtime.parameters import ParameterError
 
 STEPS = 40
+
+
+def growth_of_the_textbook(car, vx, slip_speed, dt=0.05):
+    """Return the growth of the linear single track per midpoint step, slips at `slip_speed`."""
+    C, arm = np.array([car.C_f, car.C_r]), np.array([car.l_f, -car.l_r])
+    damping = np.array([[C.sum(), C @ arm], [C @ arm, C @ arm**2]]) / slip_speed
+    a = -dt * (damping / [[car.m], [car.Izz]] + [[0.0, vx], [0.0, 0.0]])
+    return np.max(np.abs(np.linalg.eigvals(np.eye(2) + a + a @ a / 2)))
+
+
+@pytest.mark.parametrize('vx', [10.0, 20.0, 30.0])
+def test_the_lateral_motion_is_that_of_the_textbooks_linear_single_track(car, vx):
+    expected = growth_of_the_textbook(car, vx, vx)
+    assert stability.growth(car, 0.05, vx) == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize('vx', range(6))
+def test_below_the_least_speed_an_error_grows_no_faster_than_with_the_slips_of_five_m_per_s(
+    car, vx
+):
+    """A midpoint step is not stable there; the bound of the speed limits the growth."""
+    assert stability.growth(car, 0.05, vx) < growth_of_the_textbook(car, vx, 5.0) < 1.5
 
 
 def with_tyres(vehicle, factor):
@@ -24,9 +46,8 @@ def with_tyres(vehicle, factor):
     return dataclasses.replace(vehicle, tyre=tyre)
 
 
-def swing_after(controller, vx):
+def swing_after(prediction, vx):
     """Return how much of a small lateral motion is left after 2 s of prediction."""
-    prediction = controller.parts.model
     x = np.array(State(0, 0, 0, vx, 0.02, 0.0, 0, 0, 0.0))
     for _ in range(STEPS):
         x = prediction.step(x, np.array(Input(0.0, 0.0, 0.5, 0.0)), prediction.car)
@@ -37,11 +58,12 @@ def swing_after(controller, vx):
 @pytest.mark.parametrize('factor', [0.5, 1.0, 2.0, 3.0])
 def test_wherever_the_car_drives_its_prediction_calms_down(world, factor):
     params, vehicle = world.load(limits__least_speed_mps=3.0)
-    controller = Controller(params, with_tyres(vehicle, factor))
+    vehicle = with_tyres(vehicle, factor)
+    controller = Controller(params, vehicle)
     least = controller.params.limits.least_speed_mps
     for vx in np.arange(least, 30.0, 1.0):
-        assert swing_after(controller, vx) < 1.0, vx
-    said = minimum_speed.describe_raised(params, with_tyres(vehicle, factor))
+        assert swing_after(controller.parts.model, vx) < 1.0, vx
+    said = minimum_speed.describe_raised(params, vehicle)
     assert (f'is {least:g} instead of 3' in said) == (least > 3.0)
 
 
@@ -51,7 +73,7 @@ def test_a_car_that_drives_at_every_speed_is_kinematic_where_it_has_to_be(world,
     vehicle = with_tyres(vehicle, factor)
     controller = Controller(params, vehicle)
     for vx in np.arange(0.5, 30.0, 1.0):
-        assert swing_after(controller, vx) < 1.0, vx
+        assert swing_after(controller.parts.model, vx) < 1.0, vx
     assert bool(minimum_speed.describe_raised(params, vehicle)) == (factor > 1)
 
 
@@ -61,10 +83,8 @@ def test_the_least_speed_of_the_shipped_car_stays(world):
     assert minimum_speed.describe_raised(params, vehicle) == ''
 
 
-def test_a_car_that_no_step_can_follow_is_refused(world):
-    params, vehicle = world.load(model__step_s=0.2)
+@pytest.mark.parametrize('low_speed', [False, True])
+def test_a_car_that_no_step_can_follow_is_refused(world, low_speed):
+    params, vehicle = world.load(model__step_s=0.2, model__low_speed=low_speed)
     with pytest.raises(ParameterError, match=r'model.step_s: is 0.2.*allowed shorter steps'):
         Controller(params, with_tyres(vehicle, 4.0))
-    low_speed = dataclasses.replace(params, model=dataclasses.replace(params.model, low_speed=True))
-    with pytest.raises(ParameterError, match=r'model.step_s: is 0.2.*allowed shorter steps'):
-        stage_parameters.car(low_speed, with_tyres(vehicle, 4.0))

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from vehicle_plant import double_track, tyre
+from vehicle_plant import suspension, tyre
 from vehicle_plant.car import PlantParams
 from vehicle_plant.suspension import Corner
 
@@ -75,7 +75,7 @@ class LinearCar(NamedTuple):
 def linear_car(plant: PlantParams, friction: float) -> LinearCar:
     """Return the linear model of a car, with the slopes of its own tyres."""
     car = plant.car
-    left_front, _, left_rear, _ = double_track.wheel_corners(car)
+    left_front, _, left_rear, _ = suspension.wheel_corners(car)
     spin = 2 * car.wheel.spin_inertia_kgm2 / car.wheel.radius_m**2
     return LinearCar(
         plant,

@@ -1,0 +1,149 @@
+"""Draws of the families: (family, seed, index, difficulty) -> scenario file.
+
+A draw depends on nothing but these four: not on other draws, their order or number. The random
+numbers are those of Python's Mersenne Twister, seeded by the text of the four, which every version
+of Python repeats.
+
+Nominal draws are redrawn until the closed forms in `possible` hold. Hard draws are not sieved: what
+of them can be mastered at all is another question. They also have what a controller does not
+receive (`Draw.settings`): a friction between 0.5 and 1 that it believes to be 1, commands that
+arrive late, and errors of measurement.
+"""
+
+from collections.abc import Callable, Mapping
+from random import Random
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import yaml
+
+from experiments.families import bends, lane_course, open_road, slippery
+from experiments.families.scenario_document import Document, rounded
+from scenario_publisher import scenario
+from scenario_publisher.scenario import Scenario
+
+NOMINAL, HARD = 'nominal', 'hard'
+DIFFICULTIES = (NOMINAL, HARD)
+Family = Callable[[Random, bool], Document | None]
+FAMILIES: Mapping[str, Family] = MappingProxyType(
+    {
+        family.__name__: family
+        for family in (
+            open_road.pop_up,
+            open_road.oncoming,
+            open_road.slower_car,
+            open_road.cut_in,
+            open_road.crossing_pedestrian,
+            open_road.crossing_cyclist,
+            bends.bend_inside,
+            bends.bend_outside,
+            lane_course.slalom,
+            lane_course.chicane,
+            lane_course.narrowing,
+            lane_course.closed_road,
+            lane_course.double_lane_change,
+            lane_course.iso_3888_1,
+            lane_course.iso_3888_2,
+            slippery.split_mu,
+            slippery.low_mu,
+            open_road.several_movers,
+            open_road.three_in_sequence,
+            open_road.stop_and_go,
+        )
+    }
+)
+MAX_TRIALS = 10_000  # of a nominal draw
+HARD_FRICTION = (0.5, 1.0)
+BELIEVED_FRICTION = 1.0
+HARD_DELAY_MS = (0, 40)  # of commands
+# of measurements, uniform to either side
+HARD_BIASES: Mapping[str, float] = MappingProxyType(
+    {
+        'ahead_bias_m': 0.3,
+        'left_bias_m': 0.15,
+        'speed_error': 0.02,  # share of the speed
+        'sideslip_bias_rad': 0.01,
+    }
+)
+HARD_NOISE: Mapping[str, float] = MappingProxyType(
+    {
+        'position_noise_m': 0.02,
+        'yaw_noise_rad': 0.002,
+        'yaw_rate_noise_radps': 0.01,
+        'obstacle_noise_m': 0.05,
+        'obstacle_dropout': 0.05,  # share of the time
+    }
+)
+
+
+class Draw(NamedTuple):
+    """One emergency."""
+
+    family: str
+    seed: int
+    index: int
+    difficulty: str
+    text: str  # the scenario file
+    # parameters beside those of the scenario, by role and dotted name as of --set
+    settings: Mapping[str, Mapping[str, Any]]
+
+    @property
+    def name(self) -> str:
+        """Name of its scenario."""
+        return f'{self.family}_{self.difficulty}_s{self.seed}_{self.index}'
+
+    def __repr__(self) -> str:
+        return f'Draw({self.name})'
+
+    def scenario(self) -> Scenario:
+        """Return its checked scenario."""
+        return scenario.parse(self.text, f'{self.name}.yaml')
+
+
+def draw(family: str, seed: int, index: int, difficulty: str = NOMINAL) -> Draw:
+    """Return one draw of a family.
+
+    seed, index  whole numbers from 0: a set of draws, and the number of the draw in it
+    difficulty   'nominal' or 'hard'
+
+    Raises ValueError for an unknown family or difficulty, and for numbers below 0.
+    """
+    if family not in FAMILIES:
+        raise ValueError(f'no family {family!r}; there are {", ".join(FAMILIES)}')
+    if difficulty not in DIFFICULTIES:
+        raise ValueError(f'no difficulty {difficulty!r}; there are {", ".join(DIFFICULTIES)}')
+    if min(seed, index) < 0:
+        raise ValueError(f'seed and index must be 0 or more, are {seed} and {index}')
+    hard = difficulty == HARD
+    random = Random(f'{family} {difficulty} {seed} {index}')
+    parts = _first_possible(family, random, hard)
+    settings: dict[str, dict[str, Any]] = {}
+    if hard:
+        parts['friction'] = rounded(random.uniform(*HARD_FRICTION))
+        settings = _disturbances(random)
+    drawn = Draw(family, seed, index, difficulty, '', settings)
+    parts['name'] = drawn.name
+    return drawn._replace(
+        text=yaml.safe_dump(parts, sort_keys=False, default_flow_style=None, width=100)
+    )
+
+
+def _disturbances(random):
+    """Return the parameters, by role and dotted name, that make a draw hard."""
+    biases = {name: random.uniform(-most, most) for name, most in HARD_BIASES.items()}
+    errors = {'seed': random.randrange(2**31), **rounded(biases), **HARD_NOISE}
+    return {
+        'plant': {'command_delay_ms': random.randint(*HARD_DELAY_MS)},
+        'controller': {
+            'model.friction': BELIEVED_FRICTION,
+            **{f'measurement_errors.{name}': value for name, value in errors.items()},
+        },
+    }
+
+
+def _first_possible(family, random, hard):
+    for _ in range(MAX_TRIALS):
+        parts = FAMILIES[family](random, hard)
+        if parts is not None:
+            return parts
+    raise RuntimeError(f'{family}: none of {MAX_TRIALS} draws is possible')

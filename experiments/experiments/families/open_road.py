@@ -1,0 +1,246 @@
+"""What appears, comes towards the car, drives ahead of it or crosses, on a straight road.
+
+The coarse path goes straight on and prescribes no side to pass on. Each function returns the
+document of one draw, None for one that cannot be mastered (nominal only).
+"""
+
+from random import Random
+
+from experiments.families import feasibility
+from experiments.families.scenario_document import (
+    CAR_RADIUS,
+    LANE,
+    LEFT,
+    RIGHT,
+    Document,
+    car,
+    car_along,
+    disc,
+    document,
+    document_either_side,
+    either_side,
+    waypoint,
+)
+
+FRICTION = 1.0  # of these roads, where the draw is nominal
+CAR_BACK = 2.4  # m from the middle of another car to its bumpers
+
+
+def pop_up(random: Random, hard: bool) -> Document | None:
+    """Return an obstacle that appears in the lane, 0.8 to 2 s ahead at 14 to 30 m/s."""
+    speed = random.uniform(14.0, 30.0)
+    ahead_s = random.uniform(0.6, 1.2) if hard else random.uniform(0.8, 2.0)
+    seen_s = random.uniform(0.5, 1.5)
+    radius, offset = random.uniform(0.4, 1.1), random.uniform(-1.0, 1.0)
+    if not hard and not _can_pass_or_stop(speed, ahead_s, radius, offset):
+        return None
+    x = speed * (seen_s + ahead_s)
+    return document_either_side(
+        random,
+        description=f'An obstacle appears {ahead_s:.2f} s ahead at {speed:.1f} m/s.',
+        last=x,
+        speed=speed,
+        obstacles=[disc(x, offset, radius, appears_at_s=seen_s)],
+    )
+
+
+def oncoming(random: Random, hard: bool) -> Document | None:
+    """Return a car that comes towards the car in its own lane, at 8 to 20 m/s."""
+    speed, theirs = random.uniform(14.0, 25.0), random.uniform(8.0, 20.0)
+    meets_s = random.uniform(1.5, 3.0) if hard else random.uniform(2.0, 4.5)
+    seen_s, offset = random.uniform(0.3, 1.0), random.uniform(-0.6, 0.6)
+    shift = feasibility.shift_beside(CAR_RADIUS, offset)
+    # their front arrives CAR_BACK before their middle does
+    early_s = (CAR_BACK + feasibility.CAR_NOSE) / (speed + theirs)
+    if not hard and feasibility.lateral_shift(meets_s - early_s, FRICTION) < shift:
+        return None
+    meet = speed * (seen_s + meets_s)
+    return document_either_side(
+        random,
+        description=f'A car comes at {theirs:.1f} m/s, seen {meets_s:.2f} s before they meet.',
+        last=meet,
+        speed=speed,
+        obstacles=car(meet + theirs * meets_s, offset, -theirs, appears_at_s=seen_s),
+    )
+
+
+def slower_car(random: Random, hard: bool) -> Document | None:
+    """Return a slower car ahead in the lane; the other lane is free."""
+    speed = random.uniform(14.0, 28.0)
+    theirs = random.uniform(0.2, 0.65) * speed
+    reach_s = random.uniform(1.0, 2.0) if hard else random.uniform(1.5, 4.0)
+    seen_s, offset = random.uniform(0.0, 1.0), random.uniform(-0.6, 0.6)
+    gap = (speed - theirs) * reach_s
+    shift = feasibility.shift_beside(CAR_RADIUS, offset)
+    can_pass = feasibility.lateral_shift(reach_s - CAR_BACK / (speed - theirs), FRICTION) >= shift
+    if not hard and not (can_pass or _can_follow(speed, theirs, gap - CAR_BACK)):
+        return None
+    x = speed * seen_s + gap
+    # until the car is past at its own speed
+    last = x + theirs * (reach_s + 3.0)
+    return document_either_side(
+        random,
+        description=f'A car ahead drives at {theirs:.1f} m/s, the own car at {speed:.1f} m/s.',
+        last=last,
+        speed=speed,
+        obstacles=car(x, offset, theirs, appears_at_s=seen_s),
+    )
+
+
+def cut_in(random: Random, hard: bool) -> Document | None:
+    """Return a car that moves over from the next lane and brakes."""
+    speed = random.uniform(14.0, 28.0)
+    theirs = random.uniform(0.65, 0.95) * speed
+    slow = random.uniform(0.0, 0.5) * theirs
+    deceleration = random.uniform(4.0, 7.0) if hard else random.uniform(2.5, 5.0)
+    move_s = random.uniform(1.0, 1.6) if hard else random.uniform(1.5, 2.5)
+    lead = random.uniform(8.0, 16.0) if hard else random.uniform(14.0, 30.0)
+    offset = random.uniform(-0.4, 0.4)
+    # where it has arrived in the lane, and where it has braked
+    braking = (theirs**2 - slow**2) / (2.0 * deceleration)
+    arrives = lead + theirs * move_s
+    gap = arrives - speed * move_s - CAR_BACK - feasibility.CAR_NOSE
+    if not hard and not feasibility.can_follow_braking(
+        speed, theirs, slow, deceleration, gap, FRICTION
+    ):
+        return None
+    points = [
+        waypoint(lead, LANE, theirs),
+        waypoint(arrives, offset, theirs),
+        waypoint(arrives + braking, offset, slow),
+    ]
+    last = arrives + braking + slow * 3.0
+    return document_either_side(
+        random,
+        description=f'A car cuts in {lead:.0f} m ahead and brakes to {slow:.1f} m/s.',
+        last=last,
+        speed=speed,
+        obstacles=car_along(points),
+        extra_s=5.0,
+    )
+
+
+def crossing_pedestrian(random: Random, hard: bool) -> Document | None:
+    """Return a pedestrian who walks across the road."""
+    walks = random.uniform(1.0, 2.2)
+    return _crossing(random, hard, random.uniform(10.0, 20.0), walks, 0.35, 'pedestrian')
+
+
+def crossing_cyclist(random: Random, hard: bool) -> Document | None:
+    """Return a cyclist who rides across the road."""
+    rides = random.uniform(3.0, 6.0)
+    return _crossing(random, hard, random.uniform(10.0, 22.0), rides, 0.6, 'cyclist')
+
+
+def _crossing(random, hard, speed, theirs, radius, who):
+    ahead_s = random.uniform(0.8, 1.6) if hard else random.uniform(1.2, 3.0)
+    seen_s = random.uniform(0.3, 1.0)
+    # where the crosser is when the car arrives at its desired speed
+    at = random.uniform(-1.0, 1.0)
+    begin = at - theirs * ahead_s
+    x = speed * (seen_s + ahead_s)
+    if not hard and not feasibility.can_pass_or_stop(speed, ahead_s, radius, at, FRICTION):
+        return None
+    return document_either_side(
+        random,
+        description=f'A {who} crosses at {theirs:.1f} m/s, seen {ahead_s:.2f} s ahead.',
+        last=x,
+        speed=speed,
+        obstacles=[disc(x, begin, radius, across_mps=theirs, appears_at_s=seen_s)],
+    )
+
+
+def several_movers(random: Random, hard: bool) -> Document | None:
+    """Return a slower car ahead, an oncoming one in the next lane, and a walker on the shoulder."""
+    speed = random.uniform(14.0, 25.0)
+    slower, theirs = random.uniform(0.35, 0.65) * speed, random.uniform(8.0, 18.0)
+    reach_s = random.uniform(1.5, 2.5) if hard else random.uniform(2.2, 4.0)
+    gap = (speed - slower) * reach_s
+    if not hard and not _can_follow(speed, slower, gap - CAR_BACK):
+        return None
+    # the oncoming car is beside the slower one some time around that
+    beside_s = reach_s + random.uniform(-1.0, 2.0)
+    beside = gap + slower * beside_s
+    walker = random.uniform(0.3, 1.0) * speed * reach_s
+    last = gap + slower * (max(reach_s, beside_s) + 3.0)
+    return document_either_side(
+        random,
+        description=f'A car ahead at {slower:.1f} m/s, one that comes at {theirs:.1f} m/s.',
+        last=last,
+        speed=speed,
+        obstacles=[
+            *car(gap, random.uniform(-0.3, 0.3), slower),
+            disc(beside + theirs * beside_s, LANE, CAR_RADIUS, along_mps=-theirs),
+            disc(walker, RIGHT + 0.2, 0.3, along_mps=random.uniform(-1.5, 1.5)),
+        ],
+        extra_s=10.0,
+    )
+
+
+def three_in_sequence(random: Random, hard: bool) -> Document | None:
+    """Return three obstacles in the lane, each seen late, one behind the other."""
+    speed = random.uniform(12.0, 22.0)
+    x, obstacles = speed * 0.5, []
+    for _ in range(3):
+        ahead_s = random.uniform(0.8, 1.5) if hard else random.uniform(1.3, 2.2)
+        radius, offset = random.uniform(0.4, 1.0), random.uniform(-1.0, 1.0)
+        if not hard and not _can_pass_or_stop(speed, ahead_s, radius, offset):
+            return None
+        x += speed * ahead_s
+        obstacles.append(disc(x, offset, radius, appears_at_s=x / speed - ahead_s))
+    return document_either_side(
+        random,
+        description=f'Three obstacles appear one after the other at {speed:.1f} m/s.',
+        last=x,
+        speed=speed,
+        obstacles=obstacles,
+    )
+
+
+def stop_and_go(random: Random, hard: bool) -> Document | None:
+    """Return a car ahead that brakes to a stop, waits and drives on, where there is no way past."""
+    speed = random.uniform(10.0, 20.0)
+    lead_s = random.uniform(0.8, 1.2) if hard else random.uniform(1.3, 2.5)
+    deceleration = random.uniform(4.0, 7.0) if hard else random.uniform(2.0, 4.5)
+    wait_s, on = random.uniform(1.0, 3.0), random.uniform(0.6, 1.0) * speed
+    lead = CAR_BACK + feasibility.CAR_NOSE + speed * lead_s
+    gap = speed * lead_s
+    if not hard and not feasibility.can_follow_braking(
+        speed, speed, 0.0, deceleration, gap, FRICTION
+    ):
+        return None
+    brakes = lead + speed * random.uniform(0.5, 1.5)
+    stands = brakes + speed**2 / (2.0 * deceleration)
+    pulls_away = stands + on**2 / (2.0 * 2.0)
+    points = [
+        waypoint(lead, 0.0, speed),
+        waypoint(brakes, 0.0, speed),
+        waypoint(stands, 0.0, 0.0, wait_s),
+        waypoint(pulls_away, 0.0, on),
+    ]
+    parts = document(
+        description=f'The car ahead brakes with {deceleration:.1f} m/s2, waits, and drives on.',
+        length=stands + 40.0,
+        speed=speed,
+        obstacles=car_along(points),
+        left=2.2,
+        right=-2.2,
+        extra_s=15.0,
+    )
+    return either_side(random, parts)
+
+
+def _can_pass_or_stop(speed, ahead_s, radius, offset):
+    """Return whether a car can move aside of, or stop before, an obstacle seen so late."""
+    shift = feasibility.shift_beside(radius, offset)
+    # there must be road on the side that is nearer
+    room = LEFT - offset - radius if offset <= 0.0 else offset - radius - RIGHT
+    if room < feasibility.CAR_WIDTH + 2.0 * feasibility.CLEARANCE:
+        shift = radius + abs(offset) + feasibility.CAR_WIDTH / 2 + feasibility.CLEARANCE
+    can_pass = feasibility.lateral_shift(ahead_s, FRICTION) >= shift
+    return can_pass or feasibility.can_stop(speed, speed * ahead_s - radius, FRICTION)
+
+
+def _can_follow(speed, theirs, gap):
+    """Return whether a car can brake to another's speed before it has closed a gap [m]."""
+    return feasibility.can_stop(speed - theirs, gap, FRICTION)

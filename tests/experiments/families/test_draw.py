@@ -1,0 +1,141 @@
+"""Draws: every one is a scenario and depends on its four arguments alone."""
+
+import itertools
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from experiments.families import feasibility, lane_course, scenario_document
+from experiments.families.draw import DIFFICULTIES, FAMILIES, HARD, NOMINAL, draw
+from scenario_publisher import scenario
+
+POP_UP_SPEED = 14.0133  # m/s, of draw 0 under seed 1000
+numbers = st.integers(0, 10**6)
+
+
+@pytest.mark.parametrize('family', FAMILIES)
+def test_every_draw_is_a_scenario(family):
+    @settings(max_examples=4)
+    @given(seed=numbers, index=numbers, difficulty=st.sampled_from(DIFFICULTIES))
+    def example(seed, index, difficulty):
+        one = draw(family, seed, index, difficulty)
+        scn = one.scenario()
+        assert scn.name == one.name
+        # the controller sees its whole horizon of path when it crosses the finish
+        ref = scn.reference
+        finish = np.argmin(np.hypot(ref.X - scn.stop.X, ref.Y - scn.stop.Y))
+        assert ref.t[-1] - ref.t[finish] >= 2.5
+        assert scn.stop.time > 2.0 * ref.t[finish]
+
+    example()
+
+
+def test_a_draw_depends_on_its_family_seed_index_and_difficulty_alone():
+    asked = list(itertools.product(FAMILIES, (1, 2), (0, 1), DIFFICULTIES))
+    forwards = {arguments: draw(*arguments) for arguments in asked}
+    assert forwards == {arguments: draw(*arguments) for arguments in reversed(asked)}
+    assert len({one.text for one in forwards.values()}) == len(asked)
+    # results of a seed are compared over time: the numbers must not move
+    document = yaml.safe_load(draw('pop_up', 1000, 0).text)
+    assert document['speed'] == {'constant_mps': POP_UP_SPEED}
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        (('popup', 1, 0), "no family 'popup'; there are pop_up"),
+        (('pop_up', 1, 0, 'harder'), "no difficulty 'harder'; there are nominal, hard"),
+        (('pop_up', -1, 0), 'must be 0 or more'),
+        (('pop_up', 1, -1), 'must be 0 or more'),
+    ],
+)
+def test_what_is_no_draw_is_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        draw(*arguments)
+
+
+def test_hard_roads_are_slippery_and_controllers_are_not_told():
+    frictions = []
+    for index in range(40):
+        one = draw('pop_up', 5, index, HARD)
+        frictions.append(yaml.safe_load(one.text)['friction'])
+        assert one.settings['controller']['model.friction'] == 1.0
+        assert 0 <= one.settings['plant']['command_delay_ms'] <= 40
+    assert 0.5 <= min(frictions) < 0.6
+    assert 0.9 < max(frictions) <= 1.0
+    assert not draw('pop_up', 5, 0, NOMINAL).settings
+
+
+def test_both_sides_are_drawn():
+    left = [yaml.safe_load(draw('oncoming', 1, i).text)['road']['edges'] for i in range(20)]
+    wide = sum(edges['left']['offset_m'] > -edges['right']['offset_m'] for edges in left)
+    assert 4 <= wide <= 16
+
+
+def test_nominal_pop_ups_can_be_passed_or_stopped_for():
+    """Against another closed form: the two manoeuvres of a point mass, integrated by time."""
+    for index in range(30):
+        scn = draw('pop_up', 7, index).scenario()
+        (actor,) = scn.actors
+        speed, o = scn.start.speed, actor.obstacle
+        distance = o.X - speed * actor.appears
+        t = np.linspace(0.0, distance / speed, 2001)
+        a = np.where(t > feasibility.DELAY_S, feasibility.GRIP_SHARE * feasibility.GRAVITY, 0.0)
+        velocity = np.cumsum(a) * t[1]
+        aside = velocity.sum() * t[1]
+        needed = o.r_obs + feasibility.CAR_WIDTH / 2 + feasibility.CLEARANCE - abs(o.Y)
+        slowest = max(0.0, speed - velocity[-1])
+        stops = slowest == 0.0 or _stopping_distance(speed) < distance - o.r_obs
+        assert aside > needed - 0.02 or stops, index
+
+
+def _stopping_distance(speed, step=1e-4):
+    v, s, t = speed, 0.0, 0.0
+    while v > 0.0:
+        s += v * step
+        t += step
+        v -= step * feasibility.GRIP_SHARE * feasibility.GRAVITY * (t > feasibility.DELAY_S)
+    return s
+
+
+def test_a_barrier_closes_the_whole_road():
+    scn = draw('closed_road', 1, 0).scenario()
+    places = sorted(o.obstacle.Y for o in scn.actors)
+    radius = scn.actors[0].obstacle.r_obs
+    assert max(np.diff(places)) < 2 * radius
+    assert places[0] - radius < scn.edges.right[0, 1] + feasibility.CAR_WIDTH / 2
+    assert places[-1] + radius > scn.edges.left[0, 1] - feasibility.CAR_WIDTH / 2
+
+
+def test_lanes_of_iso_3888_have_the_widths_and_places_of_the_standard():
+    width = feasibility.CAR_WIDTH
+    scn = draw('iso_3888_2', 1, 0).scenario()
+    begin = lane_course.RUN_IN
+    # x at the middle of lanes 1, 3 and 5
+    for x, lane in (
+        (begin + 6.0, 1.1 * width + 0.25),
+        (begin + 12.0 + 13.5 + 5.5, width + 1.0),
+        (begin + 12.0 + 13.5 + 11.0 + 12.5 + 6.0, max(3.0, 1.3 * width + 0.25)),
+    ):
+        left, right = (np.interp(x, edge[:, 0], edge[:, 1]) for edge in scn.edges[1:])
+        assert left - right == pytest.approx(lane, abs=2e-3)
+    first, third = begin + 6.0, begin + 12.0 + 13.5 + 5.5
+    left_of_first = np.interp(first, *scn.edges.left.T)
+    right_of_third = np.interp(third, *scn.edges.right.T)
+    assert right_of_third - left_of_first == pytest.approx(1.0, abs=2e-3)
+
+
+def test_a_mirrored_document_is_the_mirror_image():
+    document = yaml.safe_load(draw('bend_inside', 1, 3).text)
+    original, image = (
+        scenario.parse(yaml.safe_dump(d), 'a.yaml')
+        for d in (document, scenario_document.mirrored(document))
+    )
+    assert np.allclose(original.reference.Y, -image.reference.Y, atol=1e-9)
+    assert np.allclose(original.edges.left[:, 1], -image.edges.right[:, 1], atol=1e-9)
+    mirrored = -image.actors[0].obstacle.Y
+    assert mirrored == pytest.approx(original.actors[0].obstacle.Y)
+    assert scenario_document.mirrored(scenario_document.mirrored(document)) == document
