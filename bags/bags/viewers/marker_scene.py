@@ -44,10 +44,11 @@ class Shape(NamedTuple):
     ns: str
     id: int
     kind: str
-    at: tuple[float, float, float]  # m, centre
-    yaw: float  # rad
-    size: tuple[float, float, float]  # m; of a line its width, of a text its height, comes first
     colour: tuple[float, float, float, float]  # red, green, blue, opacity: 0 to 1
+    # m; of a line its width, of a text its height, comes first
+    size: tuple[float, float, float] = (LINE_M, 0.0, 0.0)
+    at: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, centre
+    yaw: float = 0.0  # rad
     points: np.ndarray = np.empty((0, 2))  # m, of a line, in map
     colours: np.ndarray = np.empty((0, 4))  # of its points; none where `colour` is that of all
     text: str = ''
@@ -85,23 +86,27 @@ def vehicle_shapes(
     pose = state.X, state.Y, state.psi
     (corners,) = (shape.points for shape in scene.car_shapes(*pose, edge))
     size = (outline.front_m + outline.rear_m, outline.width_m, CAR_HEIGHT_M)
-    X, Y = _ahead(state, (outline.front_m - outline.rear_m) / 2)
+
+    def ahead(distance, height):
+        X, Y = state.X + distance * np.cos(state.psi), state.Y + distance * np.sin(state.psi)
+        return float(X), float(Y), height
+
+    middle = ahead((outline.front_m - outline.rear_m) / 2, CAR_HEIGHT_M / 2)
     shapes = [
-        _shape('body', 0, BOX, (X, Y, CAR_HEIGHT_M / 2), size, GREY, yaw=state.psi),
+        Shape('body', 0, BOX, GREY, size, middle, state.psi),
         _line('outline', 0, np.concatenate([corners, corners[:1]]), _rgba(style.KNOWN['mpcc'])),
     ]
     length, width, full = BAR_M
-    for k, (axle, ahead) in enumerate(zip(AXLES, (outline.front_m / 2, -outline.rear_m / 2))):
+    for k, (axle, place) in enumerate(zip(AXLES, (outline.front_m / 2, -outline.rear_m / 2))):
         if axle in friction_use:
             use = min(max(friction_use[axle], 0.0), 1.0)
             height = max(use * full, FLAT_M)
-            X, Y = _ahead(state, ahead)
-            at, above = (X, Y, CAR_HEIGHT_M + height / 2), (X, Y, CAR_HEIGHT_M + height + LETTER_M)
-            look = (*_mix(GREEN, RED, use), 0.95)
+            look = (*_mix(GREEN, RED, use).tolist(), 0.95)
+            bar, above = (CAR_HEIGHT_M + h for h in (height / 2, height + LETTER_M))
             size = (length, width, height)
-            shapes.append(_shape('friction', k, BOX, at, size, look, yaw=state.psi))
-            text = f'{axle} {use:.2f}'
-            shapes.append(_shape('use', k, TEXT, above, (LETTER_M,) * 3, look, text=text))
+            shapes.append(Shape('friction', k, BOX, look, size, ahead(place, bar), state.psi))
+            text = Shape('use', k, TEXT, look, (LETTER_M,) * 3, ahead(place, above))
+            shapes.append(text._replace(text=f'{axle} {use:.2f}'))
     return shapes
 
 
@@ -127,8 +132,9 @@ def safety_shapes(
     for shape in seen:
         if shape.kind in DISCS:
             ns, colour, height = DISCS[shape.kind]
-            at, size = (*shape.points, height / 2), (2 * shape.radius, 2 * shape.radius, height)
-            shapes.append(_shape(ns, shape.number, DISC, at, size, _rgba(colour, 0.3)))
+            at, wide = (*shape.points.tolist(), height / 2), 2.0 * shape.radius
+            look, size = _rgba(colour, 0.3), (wide, wide, height)
+            shapes.append(Shape(ns, shape.number, DISC, look, size, at))
         elif shape.kind in LINES:
             shapes.append(_line(shape.kind, shape.number, shape.points, _rgba(LINES[shape.kind])))
     return shapes
@@ -170,10 +176,6 @@ def speed_colours(speed: np.ndarray) -> np.ndarray:
     return np.column_stack([_mix(SLOW, FAST, share[:, None]), np.ones(len(speed))])
 
 
-def _ahead(state, distance):
-    return state.X + distance * np.cos(state.psi), state.Y + distance * np.sin(state.psi)
-
-
 def _mix(colour, other, share):
     return colour + share * (other - colour)
 
@@ -188,13 +190,7 @@ def _line(ns, number, points, colour):
     """Return a line through MAX_POINTS of its points at most: markers are built point by point."""
     if len(points) > MAX_POINTS:
         points = points[np.linspace(0, len(points) - 1, MAX_POINTS).round().astype(int)]
-    size = (LINE_M, 0.0, 0.0)
-    return _shape(ns, number, LINE, (0.0, 0.0, 0.0), size, colour)._replace(points=points)
-
-
-def _shape(ns, number, kind, at, size, colour, yaw=0.0, text=''):
-    at, size, colour = (tuple(float(v) for v in values) for values in (at, size, colour))
-    return Shape(ns, number, kind, at, float(yaw), size, colour, text=text)
+    return Shape(ns, number, LINE, colour, points=points)
 
 
 VEHICLE, SAFETY, PREDICTION = '/markers/vehicle', '/markers/safety', '/markers/prediction'
