@@ -23,12 +23,14 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import cosmic_ray.plugins
+import pytest
 from cosmic_ray.commands.init import _all_work_items
 from cosmic_ray.mutating import mutate_code
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = sorted(path.parent.name for path in ROOT.glob('*/package.xml'))
 LINES, SECONDS, CHOICE = (ROOT / 'build' / name for name in ('lines.db', 'tests.xml', 'chosen'))
+SEPARATOR = '\n\n'  # in no name of a test
 MUTANT = 'file', 'line', 'operator', 'occurrence'
 # of annotations; of what a cache gives back
 SKIPPED = 'BitOr', 'RemoveDecorator', 'NoOp'
@@ -41,12 +43,23 @@ SEEN_BY = """
 """
 
 
-def pytest(*arguments, **options):
+def run_tests(*arguments, **options):
     """Run the tests in process that `arguments` name, with the same examples each time."""
     command = sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', '-m', IN_PROCESS
-    environment = {**os.environ, 'PROPERTY_SEED': '1', 'COVERAGE_FILE': str(LINES)}
+    paths = os.pathsep.join([str(ROOT / '.ci'), os.environ.get('PYTHONPATH', '')])
+    environment = {**os.environ, 'PYTHONPATH': paths, 'PROPERTY_SEED': '1'}
+    environment['COVERAGE_FILE'] = str(LINES)
     return subprocess.run(
         [*command, *arguments], cwd=ROOT, check=False, text=True, env=environment, **options
+    )
+
+
+@pytest.hookimpl(trylast=True)  # after the order of conftest.py
+def pytest_collection_modifyitems(items):
+    """Keep what is in CHOICE, in its order: this module is a plug-in of the pytest that judges."""
+    places = {test: place for place, test in enumerate(CHOICE.read_text().split(SEPARATOR))}
+    items[:] = sorted(
+        (item for item in items if item.nodeid in places), key=lambda item: places[item.nodeid]
     )
 
 
@@ -55,7 +68,7 @@ def record_lines(tests):
     LINES.parent.mkdir(exist_ok=True)
     covered = [f'--cov={name}' for name in PACKAGES]
     files = '--cov-report=', f'--junitxml={SECONDS}', '-o', 'junit_family=xunit1'
-    return pytest(*tests, *covered, '--cov-context=test', *files).returncode
+    return run_tests(*tests, *covered, '--cov-context=test', *files).returncode
 
 
 def seconds_of_tests():
@@ -98,21 +111,22 @@ def judge(mutant, seconds):
     tests = tests_of(mutant, seconds)
     if not tests:
         return 'not run', ''
-    CHOICE.write_text('\n'.join(tests))
+    CHOICE.write_text(SEPARATOR.join(tests))
+    files = dict.fromkeys(test.partition('::')[0] for test in tests)
     path = ROOT / mutant['file']
     source = path.read_text()
     operator = cosmic_ray.plugins.get_operator(mutant['operator'])()
     path.write_text(mutate_code(source, operator, int(mutant['occurrence'])))
     try:
-        run = pytest('-x', f'@{CHOICE}', timeout=TIME_LIMIT_S, capture_output=True)
+        run = run_tests('-x', '-p', 'mutants', *files, timeout=TIME_LIMIT_S, capture_output=True)
     except subprocess.TimeoutExpired:
         return 'killed', 'time limit'
     finally:
         path.write_text(source)
     failed = [x.split()[1] for x in run.stdout.splitlines() if x.startswith(('FAILED', 'ERROR'))]
-    # 2: a module of tests could not be imported; others say that pytest could not use its input
-    results = {0: 'survived', 1: 'killed', 2: 'killed'}
-    return results.get(run.returncode, 'undecided'), failed[0] if failed else ''
+    # the product may be broken so that pytest cannot even start
+    results = {0: 'survived', 5: 'undecided'}
+    return results.get(run.returncode, 'killed'), failed[0] if failed else ''
 
 
 def judge_all(options):
