@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from driven_setups import driven
 
 from bags.errors import BagError
 from experiments import simulation
@@ -186,6 +187,15 @@ def test_each_rule_of_the_cost_changes_the_drive_and_none_of_them_ends_it(drive,
 def test_a_straight_empty_road_needs_no_steering(drive):
     columns = drive('straight', 'mpcc').columns
     assert np.abs(columns['/vehicle/actuators'].steer_rad).max() < 1e-3
+
+
+@pytest.mark.parametrize('beyond_m', [0.2, -0.2])
+def test_the_road_is_left_where_the_outline_is_beyond_an_edge(beyond_m):
+    setup = simulation.prepare('straight', 'mpcc')
+    scn, width_m = setup.scn, setup.plant.car.outline.width_m
+    start = scn.start._replace(Y=scn.edges.left[0, 1] - width_m / 2 + beyond_m)
+    scn = scn._replace(start=start, stop=scn.stop._replace(time=0.1))
+    assert driven(setup._replace(scn=scn)).metrics['left_road'] is (beyond_m > 0.0)
 
 
 def test_a_slippery_patch_acts_on_the_wheels_on_it(drive):

@@ -24,7 +24,7 @@ from msgs_yaml.types import Actuators, Command, Imu, VehicleState, Wheels
 from vehicle_plant.gate import Gate
 from vehicle_plant.state import SetPoints
 
-DRAWS = int(os.environ.get('RANDOM_SCENARIOS', '40'))
+DRAWS = int(os.environ.get('RANDOM_SCENARIOS', '60'))
 SEED = int(os.environ.get('RANDOM_SEED', random_scenarios.SEED))
 # share of runs that the independent evaluation may leave undecided, since they end near the finish
 # line
