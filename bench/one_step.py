@@ -82,9 +82,9 @@ def driven(loop: Loop, params: ControllerParams, settings: dict) -> Drive:
     params = closed_loops.with_solver(params, **settings)
     controller = closed_loops.make_controller(params, scn.friction)
     parts = controller.parts
-    timed, costs, prepared_s = Timed(parts.solvers.first), [], []
+    timed, costs, prepared_s = Timed(parts.solvers.followed), [], []
     iterations, seconds = [], []
-    parts.solvers.first = timed
+    parts.solvers.followed = timed
     for _ in closed_loops.drive(scn, controller):
         plan, solved = controller.memory.plans.plan, controller.memory.solved
         stage_cost, cost = parts.model.problem.stage_cost, np.nan

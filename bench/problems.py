@@ -85,7 +85,7 @@ def _recorded(loop, random) -> Iterator[Posed]:
     parts, model = controller.parts, controller.params.model
     options = tick_solvers.solver_options(params, limit_time=False)
     solver = ReferenceSolver(parts.model.problem, RECORDING_SOLVER, options)
-    recorder = parts.solvers.first = Recorder(solver)
+    recorder = parts.solvers.followed = Recorder(solver)
     for number, _ in enumerate(closed_loops.drive(scn, controller)):
         if number >= loop.ticks.stop:
             return

@@ -61,7 +61,7 @@ def setup():
 def fails_at(setup):
     """Return a function that drives with solvers that fail for good at a tick."""
     controller = Controller(setup.params, setup.vehicle)
-    failing = controller.parts.solvers.first = Failing(controller.parts.solvers.first)
+    failing = controller.parts.solvers.followed = Failing(controller.parts.solvers.followed)
 
     def run(tick):
         failing.dead = False
@@ -111,8 +111,8 @@ def test_delay_compensation_improves_a_late_controller(setup, late_ms):
         delay = dataclasses.replace(params.delay, longest_s=longest_s)
         changed = dataclasses.replace(params, solver=solver, delay=delay)
         controller = Controller(changed, setup.vehicle, limit_time=True)
-        slow = Slow(controller.parts.solvers.first, late_ms / 1e3 - params.delay.transport_s)
-        controller.parts.solvers.first = controller.parts.clock = slow
+        slow = Slow(controller.parts.solvers.followed, late_ms / 1e3 - params.delay.transport_s)
+        controller.parts.solvers.followed = controller.parts.clock = slow
         loop = loops[aware] = Loop(setup, controller, late_ms)
         while not loop.outcome:
             loop.tick()

@@ -147,7 +147,7 @@ def inject(fault, ring, begins_ns):
     elif fault.action == 'fail_ticks':
         solvers = ring.nodes['controller'].controller.parts.solvers
         last_ns = begins_ns + fault.target * 50_000_000
-        solvers.first = FailingSolver(solvers.first, lambda: ring.time_ns < last_ns)
+        solvers.followed = FailingSolver(solvers.followed, lambda: ring.time_ns < last_ns)
 
 
 @pytest.mark.parametrize('fault', FAULTS, ids=lambda fault: fault.name)

@@ -234,11 +234,11 @@ def controller(shared_controller):
 @pytest.fixture
 def modify_solver(controller, monkeypatch):
     """Return a function that modifies the solver of the controller."""
-    genuine = controller.parts.solvers.first
+    genuine = controller.parts.solvers.followed
 
     def replace(modify=lambda solution: solution):
         solver = ModifiedSolver(genuine, modify)
-        monkeypatch.setattr(controller.parts.solvers, 'first', solver)
+        monkeypatch.setattr(controller.parts.solvers, 'followed', solver)
         return solver
 
     return replace
@@ -252,8 +252,8 @@ def realtime():
     )
     clock = Clock()
     controller = set_inputs(Controller(params, vehicle, True, clock), straight())
-    controller.parts.solvers.first = ModifiedSolver(
-        controller.parts.solvers.first, clock=clock, takes_s=0.015
+    controller.parts.solvers.followed = ModifiedSolver(
+        controller.parts.solvers.followed, clock=clock, takes_s=0.015
     )
     return controller
 

@@ -65,7 +65,7 @@ def plan(
         comparison = Comparison(choice, solve_s)
         problem, solution = choice.outcome.problem, choice.outcome.solution
     else:
-        solution = solvers.solve_first(problem, first_guess, solving)
+        solution = solvers.solve_followed(problem, first_guess, solving)
     if params.surroundings.arcs == REFRESHED:
         problem, solution, refreshes = solvers.refresh_arcs(problem, solution, solving)
     if parts.compares:

@@ -39,7 +39,7 @@ class TickSolvers:
         params, problem = prediction.params, prediction.problem
         self.prediction, self.limit_time, self.clock = prediction, limit_time, clock
         options = solver_options(params, limit_time)
-        self.first = make_solver(problem, options)
+        self.followed = make_solver(problem, options)
         self.sliding: StageSolver | None = None
         if params.fallback.recovery:
             # From the guess of the recovery law 44 % of 100 random slides had a plan that may be
@@ -61,7 +61,7 @@ class TickSolvers:
             )
 
     def warm_up(self, problem: TickProblem) -> None:
-        """Let all solvers but the first solve a problem once, except those at work."""
+        """Let all other solvers solve a problem once, except those at work."""
         candidates = self.parallel.idle if self.parallel else ()
         for solver in (self.sliding, *candidates):
             if solver is not None:
@@ -69,9 +69,9 @@ class TickSolvers:
 
     def solve(self, problem: TickProblem) -> Solution:
         """Return the solution from the guess of the problem."""
-        return self.solve_first(problem, problem.guess_local, self.clock())
+        return self.solve_followed(problem, problem.guess_local, self.clock())
 
-    def solve_first(self, problem: TickProblem, guess: Plan, began: float) -> Solution:
+    def solve_followed(self, problem: TickProblem, guess: Plan, began: float) -> Solution:
         """Return the solution of the followed plan; of a car that slides, see `_solve_relaxed`."""
         chosen = self._chosen(problem)
         self._limit(chosen, began)
@@ -114,7 +114,7 @@ class TickSolvers:
 
         All of them within the time limit of the followed plan, where there is one.
         """
-        own = partial(self.solve_first, followed, guess, began)
+        own = partial(self.solve_followed, followed, guess, began)
         first, solutions = self._solve_in_parallel(own, others, began)
         return [first, *solutions]
 
@@ -124,8 +124,8 @@ class TickSolvers:
 
     def solve_ahead(self, problem: TickProblem) -> Solution:
         """Return the solution of a problem that is expected later."""
-        self._limit(self.first, self.clock())
-        return self._run(self.first, problem, problem.guess_local)
+        self._limit(self.followed, self.clock())
+        return self._run(self.followed, problem, problem.guess_local)
 
     def refresh_arcs(
         self, problem: TickProblem, first: Solution, began: float
@@ -174,7 +174,7 @@ class TickSolvers:
 
     def _chosen(self, problem: TickProblem) -> StageSolver:
         """Return the solver of the followed plan; of a slide, one that iterates longer."""
-        return self.sliding if problem.sliding and self.sliding else self.first
+        return self.sliding if problem.sliding and self.sliding else self.followed
 
     def _limit(self, solver: StageSolver, began: float) -> None:
         """Let a solver stop where the time of its tick ends.

@@ -248,8 +248,8 @@ def test_what_is_driven_when_solvers_fail(
     world.drive(controller, 3)
     pop_up(controller, *obstacles)
     solvers, kept = controller.parts.solvers, lambda solution: solution
-    own = world.ModifiedSolver(solvers.first, first or kept)
-    monkeypatch.setattr(solvers, 'first', own)
+    own = world.ModifiedSolver(solvers.followed, first or kept)
+    monkeypatch.setattr(solvers, 'followed', own)
     modified = [world.ModifiedSolver(s, others or kept) for s in solvers.parallel.solvers]
     monkeypatch.setattr(solvers.parallel, 'solvers', modified)
     command, _, why = world.tick(controller, world.rolling(stamp_ns=10**9))
@@ -407,7 +407,7 @@ def timed(world):
     )  # fmt: skip
     controller = Controller(*settings, True, world.Clock())
     solvers = controller.parts.solvers
-    solvers.first, solvers.sliding = TimedSolver(solvers.first), TimedSolver(solvers.sliding)
+    solvers.followed, solvers.sliding = TimedSolver(solvers.followed), TimedSolver(solvers.sliding)
     solvers.parallel.solvers = [TimedSolver(solver) for solver in solvers.parallel.solvers]
     world.set_inputs(controller, world.straight(left=6.0, right=-2.5))
     pop_up(controller)
@@ -438,7 +438,7 @@ def test_the_time_to_guess_is_taken_from_the_solvers(
     monkeypatch.setattr(owner, name, delay(timed, getattr(owner, name), takes_s))
     *_, why = world.tick(timed, world.rolling(vy=vy))
     solvers, left_s = timed.parts.solvers, max(LIMIT_S - takes_s, 0.0)
-    own = solvers.sliding if vy else solvers.first
+    own = solvers.sliding if vy else solvers.followed
     assert own.limits_s == pytest.approx([left_s])
     others = [limit for solver in solvers.parallel.solvers for limit in solver.limits_s]
     if left_s and not vy:
@@ -450,7 +450,7 @@ def test_the_time_to_guess_is_taken_from_the_solvers(
 def test_other_candidates_that_do_not_return_hold_no_tick(timed, world):
     solvers, hanging = timed.parts.solvers, HangingSolver()
     solvers.parallel.solvers = [hanging] * len(solvers.parallel.solvers)
-    solvers.solve_first = delay(timed, solvers.solve_first, PATIENCE_S - 0.01)
+    solvers.solve_followed = delay(timed, solvers.solve_followed, PATIENCE_S - 0.01)
     pop_up(timed, Obstacle(1, 32.0, 1.2, 1.0, 0.0, 0.0))
     began = time.monotonic()
     try:

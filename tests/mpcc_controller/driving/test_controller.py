@@ -180,9 +180,9 @@ def test_plans_of_the_baseline_are_in_the_map_when_it_fails_and_on_a_new_path(
 
     world.set_inputs(baseline, world.lane_change())
     world.tick(baseline, world.rolling(X=30.0))
-    solver = baseline.parts.solvers.first
+    solver = baseline.parts.solvers.followed
     failing = world.ModifiedSolver(solver, lambda s: s._replace(status=FAILED))
-    monkeypatch.setattr(baseline.parts.solvers, 'first', failing)
+    monkeypatch.setattr(baseline.parts.solvers, 'followed', failing)
     _, second, why = world.tick(baseline, state)
     assert why.values['rung'] == 'shifted'
     assert first.Y[2:] == pytest.approx(second.Y[1:-1], abs=1e-9)

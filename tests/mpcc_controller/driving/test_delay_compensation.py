@@ -140,7 +140,7 @@ def test_a_drive_continues_from_another_command_than_the_last_one(controller, wo
 
 
 def test_the_age_that_the_gate_checks_includes_the_computing_time(realtime, world):
-    realtime.parts.solvers.first.takes_s = 0.15
+    realtime.parts.solvers.followed.takes_s = 0.15
     *_, why = world.tick(realtime, world.rolling(stamp_ns=TICK), age_s=0.06)
     assert why.values['gate'] == 'too_old'
 

@@ -131,9 +131,9 @@ def test_refreshed_arcs_are_those_of_the_path_where_the_plan_is(world, changed, 
 def test_a_refreshed_plan_that_may_not_be_driven_is_dropped(world, changed):
     state, situation = world.rolling(v=24.0, X=30.0), world.lane_change(v=12.0)
     frozen, controller = changed(situation), changed(situation, surroundings__arcs='refreshed')
-    solves = world.ModifiedSolver(controller.parts.solvers.first)
+    solves = world.ModifiedSolver(controller.parts.solvers.followed)
     solves.modify = lambda s: s._replace(status=FAILED) if len(solves.solutions) == 1 else s
-    controller.parts.solvers.first = solves
+    controller.parts.solvers.followed = solves
     record = controller.step(TickInputs(state))
     assert record.attempt.refreshes == 1
     assert record.attempt.solution.iterations == sum(s.iterations for s in solves.solutions)
@@ -147,10 +147,10 @@ def test_refreshing_ends_with_the_time_of_the_solver(world, limit_s, solves):
     clock = world.Clock()
     controller = Controller(*world.load(**changes), True, clock)
     world.set_inputs(controller, world.lane_change(v=12.0))
-    solver = world.ModifiedSolver(controller.parts.solvers.first, clock=clock, takes_s=0.015)
+    solver = world.ModifiedSolver(controller.parts.solvers.followed, clock=clock, takes_s=0.015)
     solver.limits = []
     solver.set_time_limit = solver.limits.append
-    controller.parts.solvers.first = solver
+    controller.parts.solvers.followed = solver
     controller.step(TickInputs(world.rolling(v=24.0, X=30.0)))
     assert min(len(solver.solutions), 2) == solves
     assert solver.limits[-1:] == ([limit_s] if solves > 1 else [])
@@ -209,8 +209,8 @@ def drives(world, controllers):
     for mode, controller in controllers.items():
         world.set_inputs(controller, world.lane_change())
         model, solvers = controller.parts.model, controller.parts.solvers
-        genuine, rows[mode] = solvers.first, []
-        solvers.first = solver = world.ModifiedSolver(genuine)
+        genuine, rows[mode] = solvers.followed, []
+        solvers.followed = solver = world.ModifiedSolver(genuine)
         for record in records(world, controller, 40):
             plan, P = record.decision.plan, controller.memory.solved.problem.parameters.P
             driven = plan.X[0], plan.U[0], plan.X[1]
@@ -219,7 +219,7 @@ def drives(world, controllers):
             rows[mode].append((why, solver.solutions[-1], driven, cost))
             controller.prepare()
         assert not controller.memory.rejections
-        solvers.first = genuine
+        solvers.followed = genuine
     return rows
 
 
@@ -265,8 +265,8 @@ def test_preparation_changes_the_initial_guess_and_not_the_problem_of_a_tick(
     assert prepared.memory.plans.plan is kept
     expected = prepared.memory.prepared
     assert expected.X[0] == pytest.approx(kept.X[1], abs=1e-12)
-    solves = world.ModifiedSolver(prepared.parts.solvers.first)
-    monkeypatch.setattr(prepared.parts.solvers, 'first', solves)
+    solves = world.ModifiedSolver(prepared.parts.solvers.followed)
+    monkeypatch.setattr(prepared.parts.solvers, 'followed', solves)
     *_, why = world.tick(prepared, world.rolling(X=46.0, stamp_ns=TICK_NS))
     assert np.array_equal(prepared.memory.solved.problem.guess_map.U[:-1], kept.U[1:])
     assert np.array_equal(solves.guesses[0].U, expected.U)

@@ -147,15 +147,17 @@ def test_path_coordinates_of_a_point_and_back_are_the_identity_also_beyond_both_
     rng, _, path = random_path(seed)
     s = np.append(rng.uniform(0.0, path.length, 20), [min(beyond, 0), path.length + abs(beyond)])
     X, Y = beside(path, s, e)
+    # an arc ends some 20 micrometres beside the next pose where the path winds most
+    allowed = np.append(np.full(20, 1e-6), [1e-4, 1e-4])
     refined = frenet_frame.refine(path, X, Y, s + rng.uniform(-0.3, 0.3, len(s)))
-    assert refined.s == pytest.approx(s, abs=1e-6)
-    assert refined.e == pytest.approx(np.full(len(s), e), abs=1e-6)
+    assert np.all(np.abs(refined.s - s) <= allowed)
+    assert np.all(np.abs(refined.e - e) <= allowed)
     for k, near in enumerate(s + rng.uniform(-1, 1, len(s))):
         foot = reference_path.project(path, X[k], Y[k], near, 3.0)
-        assert foot == pytest.approx(s[k], abs=1e-6)
+        assert foot == pytest.approx(s[k], abs=allowed[k])
         if abs(e) < 0.5:  # elsewhere another part of a winding path may be closer
             point = frenet_frame.to_frenet(path, X[k : k + 1], Y[k : k + 1], near)
-            assert (point.s[0], point.e[0]) == pytest.approx((s[k], e), abs=1e-6)
+            assert (point.s[0], point.e[0]) == pytest.approx((s[k], e), abs=allowed[k])
 
 
 @quick
