@@ -69,7 +69,8 @@ def obeys(topic: str, numbers: Mapping[str, np.ndarray]) -> np.ndarray:
     for path, column in numbers.items():
         valid &= (fields[path].low <= column) & (column <= fields[path].high)
         if path.endswith(f'{ORIENTATION}.w'):
-            square = sum(numbers[f'{path[:-1]}{axis}'] ** 2 for axis in 'xyzw')
+            with np.errstate(over='ignore'):  # numbers that are too large to square are wrong
+                square = sum(numbers[f'{path[:-1]}{axis}'] ** 2 for axis in 'xyzw')
             valid &= np.abs(square - 1.0) <= UNIT_TOLERANCE
     return valid
 
