@@ -56,6 +56,8 @@ class Finished(NamedTuple):
 class Pool:
     """A context with `jobs` processes of this machine, or with the workers of a scheduler.
 
+    What dies costs one row, which the next call drives again (`row_runner`).
+
     address   of the scheduler, as `tcp://10.0.0.1:8786`; '' for this machine
     describe  called here and in every process of a cluster: {name: version} of what decides
               results; a process in which it differs is refused

@@ -3,7 +3,8 @@
 /scenario/obstacles holds every known obstacle. What is not in it is unknown from then on, whether
 it went away or was only missed. So what vanishes is kept for
 `surroundings.memory_s` after it was last seen, wherever it was then, and forgotten after that;
-an obstacle that is gone is avoided for that time at most. SI units.
+an obstacle that is gone is avoided for that time at most. Which of them a problem has room for:
+`stage_parameters.closest_obstacles`. SI units.
 """
 
 from collections.abc import Mapping

@@ -127,9 +127,9 @@ def brake_after_error(
     longest_ns = params.fallback.max_guide_age * params.model.step_s * NS_PER_S
     if memory.guide and 0 <= x.stamp_ns - memory.guide[0] <= longest_ns:
         line, points = braking.PLAN, memory.guide[1]
-    friction = memory.believed / params.model.friction
+    grip = memory.believed / params.model.friction
     car = parts.model.car._replace(
-        mu_f=friction * parts.model.car.mu_f, mu_r=friction * parts.model.car.mu_r
+        mu_f=grip * parts.model.car.mu_f, mu_r=grip * parts.model.car.mu_r
     )
     command = last_resort.braking_command(
         x, memory.last, points, car, limits, params.braking, params.model.step_s
@@ -140,13 +140,13 @@ def brake_after_error(
     due_ns = max(x.stamp_ns + parts.command_ns + step_ns, effective_ns)
     force, active = command.Fxf + command.Fxr, memory.ramps[-1]
     share = command.Fxf / force if force < 0 else active.lambda_b
-    sent = SetpointRamp(effective_ns, active.end, due_ns, Setpoints(command.delta, force), share)
+    ramp = SetpointRamp(effective_ns, active.end, due_ns, Setpoints(command.delta, force), share)
     resumed = memory.resumed
     plans = memory.plans._replace(plan=None, age=0, good_age=memory.plans.good_age + 1)
     memory = replace(
         memory,
         last=command,
-        ramps=(*memory.ramps[-MOST_RAMPS:], sent),
+        ramps=(*memory.ramps[-MOST_RAMPS:], ramp),
         plans=plans,
         candidacy=Candidacy(),
         resumed=False,
@@ -313,7 +313,7 @@ def _remember(memory: Memory, command: Command, decision, effective_ns, rejectio
     step_s, car = parts.params.model.step_s, parts.model.car_on(memory.believed)
     due_ns = max(add_seconds(command.stamp_ns, step_s) + parts.command_ns, effective_ns)
     end, lambda_b = setpoints.setpoints_of(command, car)
-    sent = SetpointRamp(effective_ns, memory.ramp.end, due_ns, end, lambda_b)
+    ramp = SetpointRamp(effective_ns, memory.ramp.end, due_ns, end, lambda_b)
     # The next tick predicts from a later state, or from the last one that was known; the estimate
     # of the friction compares the two, under the set-points that acted `actuator_delay_s` before,
     # and the actuators are compared with those of a longer while.
@@ -329,4 +329,4 @@ def _remember(memory: Memory, command: Command, decision, effective_ns, rejectio
     guide = memory.guide
     if decision.plan is not None:
         guide = command.stamp_ns, decision.plan.X[:, :2]
-    return replace(memory, last=command, ramps=(*kept, sent), rejections=counts, guide=guide)
+    return replace(memory, last=command, ramps=(*kept, ramp), rejections=counts, guide=guide)

@@ -1,6 +1,7 @@
 """Limits of actuators, speed and friction per axle as bounds of every stage (paper, section 3.2).
 
-The constrained quantities are those of `ocp.constraints`.
+The constrained quantities are those of `ocp.constraints`; the row of the road edges is in
+`constraints` of a formulation (`mpcc_formulation.py`, `frenet_formulation.py`).
 """
 
 from functools import cache

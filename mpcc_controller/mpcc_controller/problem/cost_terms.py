@@ -2,7 +2,7 @@
 
 This is the one list of them. The parameters of the weights, the columns `cost.*` and `weight.*` of
 /controller/why, and the reports follow from it. A new term is an entry here and its parameter in
-`parameters.Tolerances`; docs/extending.md shows how.
+`parameters.Tolerances`; docs/tutorials/06_own_cost_term.md shows how.
 
 A weight is 1 / tolerance^2 for `tolerances.*`, and the value itself for `priorities.*`. A priority
 of 0 switches a term off without another compilation. A term that is not `in_use` is not in the

@@ -55,7 +55,7 @@ class Stage(NamedTuple):
 class TrackingErrors(NamedTuple):
     """Contouring and lag error (paper, section 3.1)."""
 
-    con: Any  # m, right of the path positive
+    con: Any  # m, left of the path positive
     lag: Any  # m, behind positive
 
 
