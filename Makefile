@@ -170,7 +170,7 @@ side_by_side: setup $(VENV)/.tests
 nightly: setup $(VENV)/.tests
 	failed=0; \
 	  $(PYTEST) -m nightly tests/faults tests/ros || failed=1; \
-	  $(PARALLEL) -m 'nightly or reads' --ignore=tests/faults --ignore=tests/ros || failed=1; \
+	  CHANGED_SINCE= $(PARALLEL) -m 'nightly or reads' --ignore=tests/faults --ignore=tests/ros || failed=1; \
 	  exit $$failed
 
 bench: setup $(VENV)/.tests

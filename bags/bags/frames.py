@@ -189,30 +189,45 @@ def _records(pandas, table: Columns, rows: Iterable[Mapping[str, Any]]) -> 'pd.D
     return pandas.DataFrame.from_records([*stamps], index=_time(pandas, table.t_s))
 
 
+def _points(pandas, table: Columns, parts: list[tuple], levels: tuple[str, ...]):
+    """Return a DataFrame with a row per point.
+
+    `parts` are of each line: number of its message, the values of the index that all its points
+    share, and its columns (n,).
+    """
+    columns: dict[str, list] = {'stamp_ns': [], INDEX: [], **{name: [] for name in levels}}
+    for message, shared, fields in parts:
+        count = len(next(iter(fields.values())))
+        filled = (table.stamp_ns[message], table.t_s[message], *shared)
+        names = ('stamp_ns', INDEX, *levels[:-1])
+        for name, value in zip(names, filled):
+            columns[name].append(np.full(count, value))
+        columns[levels[-1]].append(np.arange(count))
+        for name, values in fields.items():
+            columns.setdefault(name, []).append(values)
+    joined = {name: np.concatenate(pieces) for name, pieces in columns.items()}
+    return pandas.DataFrame(joined).set_index([INDEX, *levels])
+
+
 POSE = {'x_m': 'X', 'y_m': 'Y', 'yaw_rad': 'psi'}  # columns of a pose, and its fields
 
 
 def _poses(pandas, table, level, fields):
     """Return the frame of messages that are a line each; `fields` by column."""
-    lines = {
-        t_s: pandas.DataFrame(
-            {'stamp_ns': stamp_ns, **{name: getattr(value, f) for name, f in fields.items()}}
-        )
-        for stamp_ns, t_s, value in zip(*table)
-    }
-    return pandas.concat(lines, names=[INDEX, level])
+    parts = [
+        (k, (), {column: getattr(value, field) for column, field in fields.items()})
+        for k, value in enumerate(table.values)
+    ]
+    return _points(pandas, table, parts, (level,))
 
 
 def _edges(pandas, table):
-    lines = {
-        (t_s, side): pandas.DataFrame(getattr(value, side), columns=['x_m', 'y_m'])
-        for t_s, value in zip(table.t_s, table.values)
+    parts = [
+        (k, (side,), dict(zip(('x_m', 'y_m'), getattr(value, side).T)))
+        for k, value in enumerate(table.values)
         for side in ('left', 'right')
-    }
-    frame = pandas.concat(lines, names=[INDEX, 'edge', 'point'])
-    stamps = pandas.Series(table.stamp_ns, table.t_s)
-    frame.insert(0, 'stamp_ns', stamps.loc[frame.index.get_level_values(INDEX)].to_numpy())
-    return frame
+    ]
+    return _points(pandas, table, parts, ('edge', 'point'))
 
 
 def _obstacles(pandas, table):

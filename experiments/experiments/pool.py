@@ -323,10 +323,14 @@ class TaskProcess:
         """Let the process end within `wait_s`, or end it; return how it ended, for a person."""
         self.leave()
         if self._popen.returncode is None:
-            with contextlib.suppress(ProcessLookupError):  # another thread ends it
+            # until it is waited for, its number belongs to nobody else
+            with contextlib.suppress(OSError):  # another thread ended it, or it cannot be watched
                 descriptor = os.pidfd_open(self._popen.pid)
-                connection.wait([descriptor], wait_s)
-                os.close(descriptor)
+                try:
+                    connection.wait([descriptor], wait_s)
+                finally:
+                    os.close(descriptor)
+            with contextlib.suppress(ProcessLookupError):
                 os.killpg(self._popen.pid, signal.SIGKILL)  # its compilers, too, also of a crash
         code = self._popen.wait()
         if code >= 0:

@@ -27,7 +27,10 @@ def any_changed(patterns: Iterable[str]) -> bool:
 def _changed(root, since):
     if not since:
         return None
-    lists = (['diff', '--name-only', since, '--'], ['ls-files', '--others', '--exclude-standard'])
+    lists = (
+        ['diff', '--name-only', '--no-renames', since, '--'],
+        ['ls-files', '--others', '--exclude-standard'],
+    )
     git = ['git', '-C', root]
     try:
         return [

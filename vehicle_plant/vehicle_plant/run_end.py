@@ -49,7 +49,7 @@ class RunEnd:
         """Return how the run ended within these rows, or None. Call once per piece, in order."""
         crossing_ns = self._find_crossing(piece)
         speed = np.hypot(piece.column('planar.vx'), piece.column('planar.vy'))
-        moving_ns = piece.stamp_ns[speed >= _STANDSTILL_MPS]
+        moving_ns = piece.stamp_ns[~(speed < _STANDSTILL_MPS)]  # NaN does not stand
         if len(moving_ns):
             self._moved, self._still_since_ns = True, int(moving_ns[-1])
         self._last = Trajectory(piece.stamp_ns[-1:], piece.rows[-1:])

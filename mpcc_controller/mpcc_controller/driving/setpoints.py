@@ -59,9 +59,13 @@ def allowed_split(Fx: float, car: Car, limits: Limits) -> float:
 def within_limits(
     delta: float, Fx: float, lambda_b: float, now: Setpoints, limits: Limits, dt: float
 ) -> SetpointTarget:
-    """Return a target with the steering angle [rad] nearest to `delta` within range and rate."""
+    """Return a target with the steering angle [rad] nearest to `delta` within range and rate.
+
+    The force [N] is taken as it is: who splits it between the axles has limited it before.
+    """
+    steer = limits.steer_rate_radps * dt
     delta = min(max(delta, -limits.steer_rad), limits.steer_rad)
-    return within_rates(SetpointTarget(delta, Fx, lambda_b), now, limits, dt)
+    return SetpointTarget(min(max(delta, now.delta - steer), now.delta + steer), Fx, lambda_b)
 
 
 def within_rates(

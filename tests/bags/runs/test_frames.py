@@ -55,6 +55,16 @@ def test_a_frame_is_indexed_by_time_and_a_line_by_its_points(second):
         assert list(second.frame(topic).filter(like='torque_nm.')) == wheels
 
 
+@pytest.mark.parametrize(
+    ('topic', 'rows'),
+    [('/controller/prediction', len(REFERENCE.X)), ('/scenario/road_edges', 2 * len(EDGES.left))],
+)
+def test_messages_of_one_stamp_are_all_in_the_frame(second, topic, rows):
+    value = second.table(topic).values[0]
+    repeated = Columns(np.zeros(2, np.int64), np.zeros(2), values=(value, value))
+    assert len(frames.frame_of(topic, repeated)) == 2 * rows
+
+
 def test_an_obstacle_is_not_a_number_while_it_is_absent(second):
     topic = '/scenario/obstacles'
     table = second.table(topic)
