@@ -5,6 +5,7 @@ import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
 import rclpy
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -26,6 +27,8 @@ NUMERIC = (
     '/vehicle/wheels',
     '/controller/command',
 )
+# recorded with a new stamp at each repetition, sent once in a simulation
+REPEATED = {'/scenario/reference', '/scenario/road_edges'}
 ROLES = ('scenario', 'controller', 'plant', 'recorder')
 PATIENCE_S = 60.0
 LINES = 8  # of a log
@@ -186,3 +189,12 @@ def note_run(
     noted = provenance.describe_run(facts.name, facts.text, label, 'lockstep', values)
     (folder / node_config.RUN_INFO_FILE).write_text(json.dumps(noted))
     return noted
+
+
+def assert_equal_tables(computed, recorded):
+    """Check that the tables of a simulation and of a bag, by topic, have the same bits."""
+    for topic in computed.keys() - REPEATED:
+        for column, values in vars(computed[topic]).items():
+            if column != 'values':
+                assert np.array_equal(values, getattr(recorded[topic], column)), (topic, column)
+    assert computed['/scenario/obstacles'].values == recorded['/scenario/obstacles'].values
