@@ -6,9 +6,10 @@ import math
 import numpy as np
 import rclpy
 from nav_msgs.msg import Odometry, Path
-from rclpy.executors import ExternalShutdownException
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 TICK_NS = 50_000_000  # between two answers
@@ -80,10 +81,13 @@ class FollowPath(Node):
 
 
 def main():
-    """Answer until a signal ends the node."""
-    rclpy.init()
-    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-        rclpy.spin(FollowPath())
+    """Answer until SIGINT, then wait until everybody has the last commands."""
+    # the handlers of rclpy would shut it down first, and then nothing is sent again
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node = FollowPath()
+    with contextlib.suppress(KeyboardInterrupt):
+        rclpy.spin(node)
+    node.commands.wait_for_all_acked(Duration(seconds=5))
 
 
 if __name__ == '__main__':
