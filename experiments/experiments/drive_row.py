@@ -9,7 +9,7 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple, get_args
@@ -81,7 +81,7 @@ class Row(NamedTuple):
     def draw(self) -> families.Draw | None:
         """The draw of a family without its text and settings, None for a scenario."""
         family, colon, index = self.scenario.partition(':')
-        if not colon or family not in families.FAMILIES or not index.isdecimal():
+        if not colon or family not in families.DRAWN or not index.isdecimal():
             return None
         return families.Draw(family, self.seed, int(index), self.difficulty, '', {})
 
@@ -208,12 +208,16 @@ def load_scenario(
     """
     if row.draw is None:
         return inputs.load_scenario(row.scenario, speed_mps, friction), {}
-    draw = families.draw(*row.draw[:4])
+    draw = _draw(*row.draw[:4])
     try:
         scn = inputs.change_scenario(draw.scenario(), draw.name, speed_mps, friction)
     except scenario.ScenarioError as error:
         raise BagError(str(error)) from None
     return scn, draw.settings
+
+
+# searches drive the same draws again and again
+_draw = lru_cache(maxsize=256)(families.draw)
 
 
 def perturb(setup: Setup, offset: Offset) -> Setup:

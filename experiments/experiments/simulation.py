@@ -1,7 +1,7 @@
 """The closed loop in process, without ROS: the steps of the nodes in lockstep, in their order."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +18,7 @@ from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.parameters import CarParams, ControllerParams
 from msgs_yaml import conversions
 from msgs_yaml.conversions import NS_PER_S
+from msgs_yaml.types import VehicleState
 from node_runtime import parameters, provenance
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
@@ -110,12 +111,17 @@ def drive(setup: Setup) -> Drive:
     return drive_from_columns(run(setup, explain=False), run_info(setup), setup.controller)
 
 
-def run(setup: Setup, explain: bool = True) -> dict[str, Columns]:
+def run(
+    setup: Setup,
+    explain: bool = True,
+    give_up: Callable[[VehicleState], bool] = lambda state: False,
+) -> dict[str, Columns]:
     """Simulate until the run ends and return the columns by topic, as `read.columns` of a bag.
 
     The same setup gives the same columns, except for the times of the solver. With `explain` false,
     which saves a third of the time, no predictions are among them, and /controller/why has the
-    values alone that do not need the plan (`TickReporter.why`).
+    values alone that do not need the plan (`TickReporter.why`). A drive also ends after the first
+    tick in whose state `give_up` is true.
     """
     scn = setup.scn
     car = Simulator(
@@ -141,7 +147,7 @@ def run(setup: Setup, explain: bool = True) -> dict[str, Columns]:
         reports.append(controller.reporter.why(record, explain))
         if explain:
             plans.append(controller.reporter.prediction(record))
-        if plant_side.outcome:
+        if plant_side.outcome or give_up(car.state):
             break
         controller.prepare()
         tracks.append(plant_side.tick(record.command))

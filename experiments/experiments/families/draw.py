@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from experiments.families import bends, lane_course, open_road, slippery
+from experiments.families import bends, lane_change_task, lane_course, open_road, slippery
 from experiments.families.scenario_document import Document, rounded
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
@@ -52,6 +52,8 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
         )
     }
 )
+# those of the library, and tasks of the study of tuned controllers
+DRAWN = MappingProxyType({**FAMILIES, lane_change_task.NAME: lane_change_task.lane_change_task})
 MAX_TRIALS = 10_000  # of a nominal draw
 HARD_FRICTION = (0.5, 1.0)
 BELIEVED_FRICTION = 1.0
@@ -86,6 +88,7 @@ class Draw(NamedTuple):
     text: str  # the scenario file
     # parameters beside those of the scenario, by role and dotted name as of --set
     settings: Mapping[str, Mapping[str, Any]]
+    values: Mapping[str, Any] = MappingProxyType({})  # columns of a table: what was drawn of a task
 
     @property
     def name(self) -> str:
@@ -108,8 +111,8 @@ def draw(family: str, seed: int, index: int, difficulty: str = NOMINAL) -> Draw:
 
     Raises ValueError for an unknown family or difficulty, and for numbers below 0.
     """
-    if family not in FAMILIES:
-        raise ValueError(f'no family {family!r}; there are {", ".join(FAMILIES)}')
+    if family not in DRAWN:
+        raise ValueError(f'no family {family!r}; there are {", ".join(DRAWN)}')
     if difficulty not in DIFFICULTIES:
         raise ValueError(f'no difficulty {difficulty!r}; there are {", ".join(DIFFICULTIES)}')
     if min(seed, index) < 0:
@@ -117,11 +120,12 @@ def draw(family: str, seed: int, index: int, difficulty: str = NOMINAL) -> Draw:
     hard = difficulty == HARD
     random = Random(f'{family} {difficulty} {seed} {index}')
     parts = _first_possible(family, random, hard)
-    settings: dict[str, dict[str, Any]] = {}
+    settings: dict[str, dict[str, Any]] = parts.pop(lane_change_task.SETTINGS, {})
+    values = parts.pop(lane_change_task.VALUES, {})
     if hard:
         parts['friction'] = rounded(random.uniform(*HARD_FRICTION))
         settings = _disturbances(random)
-    drawn = Draw(family, seed, index, difficulty, '', settings)
+    drawn = Draw(family, seed, index, difficulty, '', settings, values)
     parts['name'] = drawn.name
     return drawn._replace(
         text=yaml.safe_dump(parts, sort_keys=False, default_flow_style=None, width=100)
@@ -143,7 +147,7 @@ def _disturbances(random):
 
 def _first_possible(family, random, hard):
     for _ in range(MAX_TRIALS):
-        parts = FAMILIES[family](random, hard)
+        parts = DRAWN[family](random, hard)
         if parts is not None:
             return parts
     raise RuntimeError(f'{family}: none of {MAX_TRIALS} draws is possible')

@@ -1,0 +1,121 @@
+"""Which unprinted parameters make the paper's picture: approximate Bayesian computation.
+
+Prior: the tasks of the study, and weights of MPCC and baseline that are drawn apart, each logarithm
+uniform over the range of the search. Of all draws the nearest to the picture are the sample of the
+posterior (rejection; Pritchard et al. 1999, doi 10.1093/oxfordjournals.molbev.a026091). A draw is
+driven by the baseline where the MPCC shows its part of the picture.
+"""
+
+from collections.abc import Mapping
+from random import Random
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.stats import ks_2samp
+
+from experiments.decisive import arms
+from experiments.decisive.run import Driver
+from experiments.families.lane_change_task import UNIFORM
+from experiments.statistical_inference import holm
+
+ARMS = ('mpcc', 'frenet')
+# of a task, beside weights
+PARAMETERS = ('S', 'speed_mps', 'latency_ms', 'rear_cornering', 'roll_share', *UNIFORM)
+SLACK_M = 0.02  # a distance that lacks no more counts as kept
+
+
+class Marginal(NamedTuple):
+    """One parameter: its quartiles before and after, and whether they differ."""
+
+    name: str
+    prior: tuple[float, float, float]
+    posterior: tuple[float, float, float]
+    p_value: float  # Kolmogorov-Smirnov, adjusted by Holm over all parameters
+
+
+def draw_weights(plan: Mapping[str, Any], seed: int, index: int, arm: str) -> dict[str, float]:
+    """Return the weights of an arm in a draw."""
+    random = Random(f'{arm} {seed} {index}')
+    weights = {}
+    for name in arms.tuned_parameters(plan, arm):
+        low, high = plan['search']['ranges'][name]
+        weights[name] = low * (high / low) ** random.random()
+    return weights
+
+
+def drive(plan: Mapping[str, Any], driver: Driver) -> None:
+    """Drive as many draws as the plan allows; their table is that of the driver's lines."""
+    rules, seed = plan['picture'], plan['seeds']['picture']
+
+    def rows(arm, indices):
+        weights = [draw_weights(plan, seed, index, arm) for index in indices]
+        return [
+            arms.row(
+                plan,
+                arm,
+                arms.settings(plan, arm, {arm: chosen}),
+                *(seed, index),
+                labels=(*chosen.items(), *arms.task_values(seed, index).items()),
+            )
+            for index, chosen in zip(indices, weights)
+        ]
+
+    begin = 0
+    while len(driver.lines) < rules['drives']:
+        indices = range(begin, begin + rules['batch'])
+        own = driver.drive(rows('mpcc', indices))
+        shown = [i for i, values in zip(indices, own) if values['avoided'] and _keeps(values)]
+        driver.drive(rows('frenet', shown))
+        begin += rules['batch']
+
+
+def _keeps(values):
+    return values['kept_m'] >= -SLACK_M
+
+
+def distances(drives: pd.DataFrame, rules: Mapping[str, Any]) -> pd.Series:
+    """Return the distance of each draw from the picture, by its task, ascending.
+
+    The root of the sum of squares of what an item misses over its scale, at most `cap` each; what
+    has no value misses it by `cap`.
+    """
+    mpcc, baseline = (drives[drives['arm'] == arm].set_index('task') for arm in ARMS)
+    mpcc = mpcc.loc[baseline.index]
+    items = pd.DataFrame(
+        {
+            'baseline_avoids': baseline['avoided'].astype(float),
+            'baseline_kept_m': baseline['kept_m'],
+            'mpcc_sideslip_deg': mpcc['peak_sideslip_deg'],
+            'baseline_sideslip_deg': baseline['peak_sideslip_deg'],
+            'onset_lead_m': baseline['brake_onset_m'] - mpcc['brake_onset_m'],
+            'speed_gain_mps': mpcc['min_speed_mps'] - baseline['min_speed_mps'],
+        }
+    )
+    missing = pd.DataFrame(index=items.index)
+    for name, (least, most, scale) in rules['items'].items():
+        beyond = np.maximum(least - items[name], items[name] - most).clip(lower=0.0) / scale
+        missing[name] = beyond.fillna(rules['cap']).clip(upper=rules['cap'])
+    return np.sqrt((missing**2).sum(axis=1)).sort_values()
+
+
+def marginals(drives: pd.DataFrame, rules: Mapping[str, Any]) -> list[Marginal]:
+    """Return every parameter before and after, those that differ most first."""
+    nearest = distances(drives, rules).index[: rules['nearest']]
+    rows = []
+    for arm in ARMS:
+        own = drives[drives['arm'] == arm].set_index('task')
+        # the prior of the baseline's weights: those of tasks alone depend on what the MPCC showed
+        names = [name for name in own if name.startswith(('tolerances.', 'priorities.'))]
+        if arm == ARMS[0]:
+            names += [name for name in PARAMETERS if name in own]
+        for name in names:
+            before, after = own[name], own.loc[nearest, name]
+            if before.notna().all():
+                p_value = float(ks_2samp(before, after).pvalue)
+                label = f'{arm} {name}' if '.' in name else name
+                quartiles = (tuple(np.quantile(v, (0.25, 0.5, 0.75))) for v in (before, after))
+                rows.append(Marginal(label, *quartiles, p_value))
+    adjusted = holm([row.p_value for row in rows])
+    rows = [row._replace(p_value=p) for row, p in zip(rows, adjusted)]
+    return sorted(rows, key=lambda row: row.p_value)

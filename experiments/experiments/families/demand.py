@@ -1,0 +1,84 @@
+"""The lateral acceleration that a scenario demands of any car, by a linear program.
+
+A point mass drives along a straight road at constant speed v. Its lateral position y(x) has the
+curvature y'' = a / v^2 (small heading angles), with one acceleration a per STEP_M of road. The
+constraints are the safety distances to obstacles and edges, on the sides on which the coarse path
+passes the obstacles; the program minimises the largest |a|. The result is a property of the task:
+no controller and no tyre model is involved.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.optimize import linprog
+
+STEP_M = 0.5
+
+
+class Area(NamedTuple):
+    """An area that the centre of gravity must not enter, and the side on which it passes."""
+
+    x: float  # m, centre
+    y: float  # m
+    radius: float  # m, obstacle + vehicle circle + safety distance
+    on_left: bool  # whether the car passes to the left of the obstacle, y above it
+
+
+class Corridor(NamedTuple):
+    """The bounds of the centre of gravity on a straight road; arrays (n,) over x."""
+
+    x: np.ndarray  # m, ascending, driving direction
+    low: np.ndarray  # m, least y allowed by the right edge
+    high: np.ndarray  # m, largest y allowed by the left edge
+    areas: tuple[Area, ...]
+
+    def __repr__(self) -> str:
+        return f'Corridor({self.x[0]:g} to {self.x[-1]:g} m, areas={self.areas})'
+
+
+def least_peak(corridor: Corridor, speed: float, start: float | None = None) -> float:
+    """Return the least peak lateral acceleration [m/s^2] that keeps a point mass within a corridor.
+
+    The car enters at y = 0 without heading angle and may steer from x = `start` [m] on (default:
+    the first x). Returns inf when no acceleration, however large, keeps it within the corridor.
+    """
+    begin = 0 if start is None else int(np.searchsorted(corridor.x, start - STEP_M / 2))
+    station = corridor.x[begin:]
+    x = station - station[0]
+    low, high = (bound[begin:].copy() for bound in (corridor.low, corridor.high))
+    for area in corridor.areas:
+        beside = np.abs(station - area.x) < area.radius
+        half = np.sqrt(area.radius**2 - (station[beside] - area.x) ** 2)
+        if area.on_left:
+            low[beside] = np.maximum(low[beside], area.y + half)
+        else:
+            high[beside] = np.minimum(high[beside], area.y - half)
+    if low[0] > 0.0 or high[0] < 0.0 or np.any(low > high):
+        return float('inf')
+    # unknowns: y and y' at every x, a in every interval, the peak; sparse, so that thousands of
+    # tasks can be solved
+    count = len(x) - 1
+    step, curvature = np.diff(x), 1.0 / speed**2
+    here, there = sparse.eye(count, count + 1), sparse.eye(count, count + 1, 1)
+    moved, turned = (sparse.diags(curvature * step**power / power) for power in (2, 1))
+    motion = sparse.bmat(
+        [
+            [there - here, -sparse.diags(step) @ here, -moved, None],
+            [None, there - here, -turned, sparse.csr_matrix((count, 1))],
+        ]
+    )
+    states = sparse.csr_matrix((count, 2 * len(x)))
+    peak_column = sparse.csr_matrix(np.ones((count, 1)))
+    identity = sparse.identity(count)
+    within = sparse.bmat([[states, identity, -peak_column], [states, -identity, -peak_column]])
+    bounds = [(0.0, 0.0), *zip(low[1:], high[1:]), (0.0, 0.0), *[(None, None)] * (2 * count)]
+    solution = linprog(
+        c=np.append(np.zeros(2 * len(x) + count), 1.0),
+        A_ub=within,
+        b_ub=np.zeros(2 * count),
+        A_eq=motion,
+        b_eq=np.zeros(2 * count),
+        bounds=[*bounds, (0.0, None)],
+    )
+    return float(solution.fun) if solution.success else float('inf')
