@@ -66,7 +66,7 @@ def _has_failed(scn, state):
 
 
 def cost(outcome: Mapping[str, Any], scales: Mapping[str, float]) -> float:
-    """Return the cost of a drive in a search: that of a failure at most, so that no drive decides."""
+    """Return the cost of a drive in a search, at most that of a failure."""
     if not outcome['avoided']:
         return scales['failure']
     total = (
