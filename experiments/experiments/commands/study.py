@@ -1,32 +1,87 @@
-"""The study over many settings: its published shares, computed again from the kept rows."""
+"""The study of tuned controllers, and the shares of the first one over settings, from their rows.
+
+run        search, judge and keep every row, replicate by replicate, until the rule stops it; the
+           same command goes on where it was interrupted
+decide     estimands, intervals and verdicts, from the rows; and a figure for each
+recompute  every published share of the first study
+"""
 
 import argparse
 from pathlib import Path
 
 from rich.console import Console
 
-HELP = 'the shares of the study over many settings, from its rows'
-EXAMPLE = 'experiments study recompute paper/settings'
-PARTS = ('recompute',)
-KEPT = Path('paper', 'settings')
+from bags.errors import BagError
+from experiments.commands import add_dask, add_jobs, positive_count
+
+HELP = 'the study of tuned controllers: drive it, decide it; the shares of the first study'
+EXAMPLE = 'experiments study decide paper/study'
+KEPT = {'run': Path('paper', 'study'), 'decide': Path('paper', 'study')}
+KEPT['recompute'] = Path('paper', 'settings')
+PLAN = 'study.yaml'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments study`."""
-    parser.add_argument('part', choices=PARTS, help='the part of the study')
-    text = f'with confirmatory/accepted_drives.parquet (default: {KEPT})'
-    parser.add_argument('folder', nargs='?', default=KEPT, type=Path, metavar='DIR', help=text)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument('part', choices=KEPT, help='what to do')
+    text = f'of the study, with its plan or rows (default: {KEPT["run"]}, {KEPT["recompute"]})'
+    parser.add_argument('folder', nargs='?', type=Path, metavar='DIR', help=text)
+    parser.add_argument(
+        '--out', type=Path, metavar='DIR', help='of records, tables and figures (default: DIR)'
+    )
+    parser.add_argument(
+        '--replicates', type=positive_count, metavar='N', help='of `run`, instead of the rule'
+    )
+    add_jobs(parser, 'the rows')
+    add_dask(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Show every share and who brakes; return 0. Raises BagError for a folder without rows."""
+    """Do a part of a study; return 0. Raises BagError for a folder without plan or rows."""
+    folder = options.folder or KEPT[options.part]
+    {'run': _drive, 'decide': _decide, 'recompute': _recompute}[options.part](options, folder)
+    return 0
+
+
+def _plan(folder):
+    import yaml
+
+    try:
+        return yaml.safe_load((folder / PLAN).read_text(encoding='utf-8'))
+    except OSError as error:
+        raise BagError(f'{folder / PLAN}: {error.strerror}; it has the plan of the study') from None
+
+
+def _drive(options, folder):
+    # imported late: controllers take a second to load
+    from experiments import code_version
+    from experiments.decisive import run as study
+    from experiments.pool import Pool
+    from experiments.progress import CountProgress
+
+    plan, out = _plan(folder), options.out or folder
+    with (
+        CountProgress(Console()) as progress,
+        Pool(options.jobs, options.dask, code_version.describe) as pool,
+    ):
+        study.run(plan, out, pool, progress, options.replicates)
+
+
+def _decide(options, folder):
+    # imported late: pandas and matplotlib take a second to load
+    from experiments.decisive import report
+
+    report.write(_plan(folder), folder, options.out or folder, Console())
+
+
+def _recompute(options, folder):
     # imported late: pandas takes half a second to load
     import pandas as pd
 
     from experiments import settings_study
 
-    study, console = settings_study.read(options.folder), Console()
+    study, console = settings_study.read(folder), Console()
     for rows in (settings_study.shares(study), settings_study.braking(study)):
         table = pd.DataFrame(rows).to_string(index=False, float_format='{:.3f}'.format)
         console.print(table, markup=False, highlight=False, soft_wrap=True)
-    return 0

@@ -3,7 +3,10 @@
 arms       the controllers, as rows
 search     the search for the weights of an arm
 outcome    what the tables hold of a drive
-run        a replicate: search, judge, keep every row
+driver     drives rows, keeps a line of the table for each
+run        replicates: search, judge; the draws of the picture
+picture    which unprinted parameters make the paper's picture
 analysis   estimands, intervals, verdicts
 figures    a figure for each
+report     both, as `experiments study decide` writes them
 """

@@ -15,7 +15,7 @@ import pandas as pd
 from scipy.stats import ks_2samp
 
 from experiments.decisive import arms
-from experiments.decisive.run import Driver
+from experiments.decisive.driver import Driver
 from experiments.families.lane_change_task import UNIFORM
 from experiments.statistical_inference import holm
 

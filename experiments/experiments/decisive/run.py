@@ -1,16 +1,16 @@
 """Drive the study, replicate by replicate, and keep every row.
 
-`folder`/replicate_NN has the records of its drives, so that an interrupted call goes on; when a
-replicate has ended, its tables are written beside them:
+`folder`/replicate_NN has the records of its drives, so that an interrupted call goes on. When a
+replicate has ended, its tables are written beside them; those of all are in `folder` at the end:
 
 tuned.parquet    the weights that each search has chosen, and their cost
 trials.parquet   every point of the searches
-drives.parquet   every drive, those of the searches, too (`stage` 1 to 3; 0: judged)
+drives.parquet   every drive: those that judge (`judged`), and those of the searches
+picture.parquet  the draws from which the nearest to the paper's picture are taken
 """
 
-import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from random import Random
@@ -19,17 +19,39 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bags.errors import BagError
-from experiments import drive_row
-from experiments.decisive import arms, outcome, search
+from experiments.decisive import analysis, arms, outcome, picture, search
+from experiments.decisive.driver import Driver
 from experiments.drive_records import DriveRecords
-from experiments.drive_row import Row
 from experiments.pool import Pool
 from experiments.progress import CountProgress
 
-LIMIT_S = 120.0  # of wall time for a drive
 TABLES = ('tuned', 'trials', 'drives')
 Plan = Mapping[str, Any]
+
+
+def run(
+    plan: Plan, folder: Path, pool: Pool, progress: CountProgress, replicates: int | None = None
+) -> None:
+    """Drive replicates until the rule of the plan stops them, or a number; then the picture.
+
+    Writes the tables of all, and raises BagError while another program drives them.
+    """
+    number, is_over = 0, False
+    while not is_over:
+        number += 1
+        part = folder / f'replicate_{number:02}'
+        if not (part / 'drives.parquet').is_file():
+            replicate(plan, number, part, pool, progress)
+        tables = {name: _collect(folder, name) for name in TABLES}
+        is_over = number >= (replicates or plan['stop']['cap'])
+        if not replicates and number >= plan['stop']['from']:
+            is_over = is_over or analysis.is_enough(tables['drives'], plan)
+    with DriveRecords(folder / 'picture') as records:
+        driver = Driver(records, pool, progress)
+        picture.drive(plan, driver)
+    tables['picture'] = pd.DataFrame(driver.lines)
+    for name, table in tables.items():
+        table.to_parquet(folder / f'{name}.parquet', compression='zstd')
 
 
 def replicate(plan: Plan, number: int, folder: Path, pool: Pool, progress: CountProgress) -> None:
@@ -55,37 +77,6 @@ def replicate(plan: Plan, number: int, folder: Path, pool: Pool, progress: Count
         f'replicate {number}: {count:,} drives in {time.monotonic() - begin_s:.0f} s, cost '
         + ', '.join(f'{arm} {trial.cost:.2f}' for arm, trial in tuned.items())
     )
-
-
-class Driver:
-    """Drives rows that have no record, and keeps a line of the table for each."""
-
-    def __init__(self, records: DriveRecords, pool: Pool, progress: CountProgress):
-        self.records, self.pool, self.progress = records, pool, progress
-        self.lines: list[dict[str, Any]] = []
-
-    def drive(self, rows: Sequence[Row], **labels: Any) -> list[Mapping[str, Any]]:
-        """Return the outcome of each row; that of a drive without a result is a failure."""
-        keys = [drive_row.key(row) for row in rows]
-        missing = {key: row for key, row in zip(keys, rows) if key not in self.records}
-        errors: dict[str, str] = {}
-        tasks = [(row, key, outcome.measure) for key, row in missing.items()]
-        ended = self.pool.finish_each(drive_row.drive_unchanged, tasks, LIMIT_S)
-        for done, finished in enumerate(ended, start=len(rows) - len(missing) + 1):
-            key = list(missing)[finished.number]
-            if finished.error:
-                errors[key] = ' '.join(str(finished.error).split())
-            else:
-                self.records.add(key, finished.value)
-            self.progress.show('drives', done, len(rows), f'{len(self.lines):,} before')
-        results = []
-        for row, key in zip(rows, keys):
-            values = json.loads(self.records.get(key, json.dumps(outcome.FAILED)))
-            self.lines.append(
-                {**labels, **dict(row.labels), **values, 'error': errors.get(key, '')}
-            )
-            results.append(values)
-        return results
 
 
 def _search_all(plan, number, driver):
@@ -164,9 +155,6 @@ def _as_frame(trials):
     )
 
 
-def read(folder: Path, table: str) -> pd.DataFrame:
-    """Return a table of all replicates that have ended. Raises BagError where there is none."""
-    files = sorted(folder.glob(f'replicate_*/{table}.parquet'))
-    if not files:
-        raise BagError(f'{folder}: has no replicate that has ended')
+def _collect(folder, name):
+    files = sorted(folder.glob(f'replicate_*/{name}.parquet'))
     return pd.concat([pd.read_parquet(file) for file in files], ignore_index=True)
