@@ -25,7 +25,7 @@ def tuned_parameters(plan: Mapping[str, Any], arm: str) -> list[str]:
 def settings(plan: Mapping[str, Any], arm: str, tuned: Mapping[str, Weights]) -> dict[str, Any]:
     """Return the parameters of an arm beside those of its task, from the `tuned` weights by arm."""
     if arm.startswith(FACTORIAL):
-        chosen = {HEADING: tuned['mpcc_heading'][HEADING], **tuned['mpcc']}
+        chosen = {HEADING: tuned['frenet'][HEADING], **tuned['mpcc']}
         for digit, changed in zip(arm.removeprefix(FACTORIAL), plan['factors'].values()):
             chosen |= changed if digit == '1' else {}
         return chosen

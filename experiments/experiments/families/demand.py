@@ -37,19 +37,17 @@ class Corridor(NamedTuple):
         return f'Corridor({self.x[0]:g} to {self.x[-1]:g} m, areas={self.areas})'
 
 
-def least_peak(corridor: Corridor, speed: float, start: float | None = None) -> float:
+def least_peak(corridor: Corridor, speed: float) -> float:
     """Return the least peak lateral acceleration [m/s^2] that keeps a point mass within a corridor.
 
-    The car enters at y = 0 without heading angle and may steer from x = `start` [m] on (default:
-    the first x). Returns inf when no acceleration, however large, keeps it within the corridor.
+    The car enters at y = 0 without heading angle. Returns inf when no acceleration, however large,
+    keeps it within the corridor.
     """
-    begin = 0 if start is None else int(np.searchsorted(corridor.x, start - STEP_M / 2))
-    station = corridor.x[begin:]
-    x = station - station[0]
-    low, high = (bound[begin:].copy() for bound in (corridor.low, corridor.high))
+    x = corridor.x - corridor.x[0]
+    low, high = corridor.low.copy(), corridor.high.copy()
     for area in corridor.areas:
-        beside = np.abs(station - area.x) < area.radius
-        half = np.sqrt(area.radius**2 - (station[beside] - area.x) ** 2)
+        beside = np.abs(corridor.x - area.x) < area.radius
+        half = np.sqrt(area.radius**2 - (corridor.x[beside] - area.x) ** 2)
         if area.on_left:
             low[beside] = np.maximum(low[beside], area.y + half)
         else:

@@ -1,0 +1,64 @@
+"""What the table holds of a drive, compared with the metrics of the whole drive."""
+
+import math
+
+import pytest
+
+from experiments import drive_row
+from experiments.decisive import outcome
+from experiments.drive_row import Row
+from experiments.families.lane_change_task import NAME
+
+SCALES = {'failure': 10.0, 'missing_m': 0.1, 'speed_error_mps': 3.0, 'sideslip_deg': 5.0}
+AVOIDED = {
+    'avoided': True,
+    'kept_m': -0.2,
+    'peak_sideslip_deg': 2.5,
+    'rms_speed_error_mps': 1.5,
+}
+SOFT = (
+    ('controller.tolerances.contouring_m', 3.0),
+    ('controller.tolerances.steer_rate_radps', 0.06),
+)
+
+
+def prepared(index, settings=()):
+    return drive_row.prepare(Row(f'{NAME}:{index}', 'mpcc', settings, seed=11), any_car=True)
+
+
+def test_an_avoided_task_has_the_metrics_of_the_whole_drive():
+    setup = prepared(1, SOFT)
+    values, whole = outcome.measure(setup), drive_row.drive(setup)
+    assert values['avoided']
+    assert whole['completed']
+    kept = min(
+        whole['min_v2o_m'] - setup.params.safety.obstacle_m,
+        whole['min_v2e_m'] - setup.params.safety.edge_m,
+    )
+    assert values['kept_m'] == pytest.approx(kept)
+    assert values['peak_sideslip_deg'] == whole['peak_sideslip_deg']
+    assert values['min_speed_mps'] == whole['min_speed_mps']
+
+
+def test_a_drive_ends_where_it_has_failed():
+    """The shipped weights spin in this task: what follows is not simulated."""
+    setup = prepared(3)
+    values, whole = outcome.measure(setup), drive_row.drive(setup)
+    assert not values['avoided']
+    assert not whole['completed']
+    assert values['min_speed_mps'] > whole['min_speed_mps']
+
+
+@pytest.mark.parametrize(
+    ('changes', 'cost'),
+    [
+        pytest.param({}, 0.2 / 0.1 + 1.5 / 3.0 + 2.5 / 5.0, id='its aims over their scales'),
+        pytest.param({'kept_m': 0.4}, 1.5 / 3.0 + 2.5 / 5.0, id='more than kept is not better'),
+        pytest.param({'kept_m': -3.0}, 10.0, id='at most a failure'),
+        pytest.param({'avoided': False, 'kept_m': 1.0}, 10.0, id='a failure'),
+        pytest.param({'avoided': False, 'kept_m': math.nan}, 10.0, id='a failure without values'),
+    ],
+)
+def test_the_cost_of_a_drive(changes, cost):
+    assert outcome.cost({**AVOIDED, **changes}, SCALES) == pytest.approx(cost)
+    assert outcome.cost(outcome.FAILED, SCALES) == 10.0

@@ -1,0 +1,53 @@
+"""Tasks of the study: what they demand, and what their controllers know."""
+
+import numpy as np
+import pytest
+
+from experiments import drive_row, plant_limit
+from experiments.drive_row import Row
+from experiments.families import lane_change_task, plant_variant
+from experiments.families.draw import draw
+from experiments.families.plant_variant import Variant
+from mpcc_controller import car_file
+
+NAME = lane_change_task.NAME
+SEED = 3
+
+
+@pytest.mark.parametrize('index', range(4))
+def test_the_speed_of_a_task_takes_the_share_s_of_what_the_plant_holds(index):
+    task = draw(NAME, SEED, index)
+    setup = drive_row.prepare(Row(f'{NAME}:{index}', 'mpcc', seed=SEED), any_car=True)
+    limit = plant_limit.lateral_limit(setup.plant)
+    curvature = lane_change_task.required_curvature(task.values)
+    assert curvature * task.values['speed_mps'] ** 2 == pytest.approx(
+        task.values['S'] * limit, rel=1e-3
+    )
+    least, most = lane_change_task.SPEEDS
+    assert least <= task.values['speed_mps'] <= most
+
+
+def test_a_car_on_the_path_has_the_drawn_clearances():
+    values, scn = draw(NAME, SEED, 0).values, draw(NAME, SEED, 0).scenario()
+    path = np.column_stack([scn.reference.X, scn.reference.Y])
+    for number, disc in enumerate(scn.obstacles.items, start=1):
+        gap = np.hypot(*(path - (disc.X, disc.Y)).T).min() - disc.r_obs
+        wanted = lane_change_task.CIRCLE_M + values[f'clearance_{number}_m']
+        # the path bends away from the point beside which the obstacle stands
+        assert wanted - 0.1 < gap < wanted + 0.01
+    left, right = scn.edges.left[0, 1], scn.edges.right[0, 1]
+    room = lane_change_task.CIRCLE_M + values['safety_edge_m']
+    assert left - values['offset_m'] == pytest.approx(room + values['spare_left_m'], abs=1e-3)
+    assert -right == pytest.approx(room + values['spare_right_m'], abs=1e-3)
+
+
+def test_a_known_latency_is_added_to_the_lags_of_the_car_of_the_controller():
+    variant = Variant('bmw_545i.yaml', 1.056, 0.6)
+    own, known = (
+        car_file.read(plant_variant.build(variant._replace(known_latency_s=latency)).car_file)
+        for latency in (0.0, 0.05)
+    )
+    for lag in ('steer_lag_s', 'force_lag_s'):
+        added = getattr(known.actuators, lag) - getattr(own.actuators, lag)
+        assert added == pytest.approx(0.05, abs=2e-4)
+    assert known.tyre == own.tyre
