@@ -1,7 +1,6 @@
 """Statistical inference: intervals of shares and of their paired differences."""
 
 import math
-from collections.abc import Sequence
 
 CONFIDENCE = 0.95
 NEAR = 1e-9
@@ -52,12 +51,3 @@ def paired_interval(only_first: int, only_second: int, pairs: int) -> tuple[floa
     low = brentq(excess, -1.0, estimate - NEAR) if estimate > -1.0 else -1.0
     high = brentq(excess, estimate + NEAR, 1.0) if estimate < 1.0 else 1.0
     return float(low), float(high)
-
-
-def holm(p_values: Sequence[float]) -> list[float]:
-    """Return p-values adjusted for their number by Holm's step-down method (Holm 1979)."""
-    adjusted, largest = [0.0] * len(p_values), 0.0
-    for rank, place in enumerate(sorted(range(len(p_values)), key=p_values.__getitem__)):
-        largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[place]))
-        adjusted[place] = largest
-    return adjusted

@@ -12,12 +12,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.stats import ks_2samp
+from scipy.stats import false_discovery_control, ks_2samp
 
 from experiments.decisive import arms
 from experiments.decisive.driver import Driver
 from experiments.families.lane_change_task import UNIFORM
-from experiments.statistical_inference import holm
 
 ARMS = ('mpcc', 'frenet')
 # of a task, beside weights
@@ -31,7 +30,7 @@ class Marginal(NamedTuple):
     name: str
     prior: tuple[float, float, float]
     posterior: tuple[float, float, float]
-    p_value: float  # Kolmogorov-Smirnov, adjusted by Holm over all parameters
+    p_value: float  # Kolmogorov-Smirnov, adjusted by Benjamini and Hochberg over all parameters
 
 
 def draw_weights(plan: Mapping[str, Any], seed: int, index: int, arm: str) -> dict[str, float]:
@@ -116,6 +115,6 @@ def marginals(drives: pd.DataFrame, rules: Mapping[str, Any]) -> list[Marginal]:
                 label = f'{arm} {name}' if '.' in name else name
                 quartiles = (tuple(np.quantile(v, (0.25, 0.5, 0.75))) for v in (before, after))
                 rows.append(Marginal(label, *quartiles, p_value))
-    adjusted = holm([row.p_value for row in rows])
-    rows = [row._replace(p_value=p) for row, p in zip(rows, adjusted)]
+    adjusted = false_discovery_control([row.p_value for row in rows])
+    rows = [row._replace(p_value=float(p)) for row, p in zip(rows, adjusted)]
     return sorted(rows, key=lambda row: row.p_value)
