@@ -233,8 +233,9 @@ class Controller:
         next, if `solver.prepare` is. Returns the computing time [s], 0 if nothing is prepared. An
         exception inside is counted in `errors`.
         """
-        prepares, began = self.params.solver.prepare, self.parts.clock()
+        began = self.parts.clock()
         try:
+            prepares = self.params.solver.prepare
             if not (prepares or self.params.candidates.explore_after_command) or self.missing():
                 return 0.0
             self.memory = planner.explore(self.memory, self.parts)
