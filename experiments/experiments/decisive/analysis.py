@@ -101,10 +101,7 @@ def analyse(judged: pd.DataFrame, factorial: pd.DataFrame, rules: Rules) -> Resu
 def paired(judged: pd.DataFrame, pair: Sequence[str]) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return the drives of both arms in the tasks of both, with the same index."""
     rows = judged[judged['start'] == 0]
-    sides = [
-        rows[rows['arm'] == arm].set_index(['replicate', 'task'], verify_integrity=True)
-        for arm in pair
-    ]
+    sides = [rows[rows['arm'] == arm].set_index(['replicate', 'task']) for arm in pair]
     common = sides[0].index.intersection(sides[1].index)
     return sides[0].loc[common], sides[1].loc[common]
 

@@ -32,7 +32,7 @@ LABELS = {
     'frenet': 'tuned baseline',
     'mpcc_heading': 'tuned MPCC with heading cost',
     'frenet_matched': "baseline with the MPCC's weights",
-    'frenet_lineage': "baseline with its predecessors' weights",
+    'frenet_lineage': 'baseline, older published weights',
     'mpcc_shipped': 'MPCC, not tuned',
     'frenet_shipped': 'baseline, not tuned',
 }
@@ -41,7 +41,7 @@ QUANTITIES = {
     'peak_sideslip_deg': 'peak sideslip',
     'kept_m': 'distance kept',
     'min_speed_mps': 'least speed',
-    'brake_onset_m': 'hard braking begins',
+    'brake_onset_m': 'start of hard braking',
     'avoided': 'tasks avoided',
 }
 WORDS = {  # what is better
@@ -55,7 +55,7 @@ FACTOR_LABELS = {
     'frame': 'path frame',
     'lag': 'no lag cost',
     'heading': 'heading cost',
-    'shape': 'step-shaped priority',
+    'shape': 'step priority',
 }
 MARKERS = ('o', 's', 'D', '^', 'v', 'P', 'X')
 AVOIDED = 'tasks avoided [%]'
@@ -116,6 +116,8 @@ def draw_gap(results: Results, rules: Rules, span: tuple[float, float]) -> Figur
     below.set(ylabel='difference [points]', title='Tuned MPCC less tuned baseline')
     below.set_xlabel('demand S: lateral acceleration that the task requires, over the limit')
     below.legend(loc='best')
+    low, high = below.get_ylim()
+    below.set_ylim(min(low, -margin - 1), max(high, margin + 1))
     figure.legend(*above.get_legend_handles_labels(), loc='outside lower center', ncols=2)
     return figure
 
@@ -160,8 +162,8 @@ def draw_losses(rows: Sequence[Row]) -> Figure:
     names = {
         HIGH: 'friction believed\n5 % too high',
         LOW: 'friction believed\n5 % too low',
-        LATENCY: '25 ms of latency that the\ncontroller does not know',
-        KNOWN_LATENCY: 'latency that it knows,\nwhole',
+        LATENCY: '25 ms of latency\nthat it does not know',
+        KNOWN_LATENCY: 'latency that it\nknows, whole',
     }
     figure, axes = _sheet('How much avoidance do wrong friction and latency cost?', 3.9)
     places = np.arange(len(names), dtype=float)
@@ -213,9 +215,9 @@ def draw_balances(rows: Sequence[Row], rules: Rules) -> Figure:
         axes.set_yticks(places, [_quantity_label(row.what, rules) for row in groups['balance']])
         axes.set(xlim=(-100, 100))
         axes.xaxis.set_major_formatter(lambda value, _: f'{abs(value):g}')
-        axes.set_title(f'{LABELS[second]} better', fontsize=9, color=style.KNOWN['frenet'])
+        axes.set_title(f'{LABELS[second]} better', fontsize=8, color=style.KNOWN['frenet'])
         axes.set_title(
-            f'{LABELS[first]} better', loc='right', fontsize=9, color=style.KNOWN['mpcc']
+            f'{LABELS[first]} better', loc='right', fontsize=8, color=style.KNOWN['mpcc']
         )
     axes.set_xlabel('share of tasks [%]; a crash is last, two crashes tie')
     handles, labels = axes.get_legend_handles_labels()
@@ -247,12 +249,16 @@ def draw_effects(rows: Sequence[Row]) -> Figure:
                 ls='',
             )
         axes.axvline(0.0, color=style.REFERENCE, lw=1)
-        axes.locator_params(axis='x', nbins=3)
-        axes.set_title(QUANTITIES[what].replace(' ', '\n', 1), fontsize=8.5)
+        # rounding errors are no effect
+        reach = max(1e-3, 1.3 * np.nanmax(np.abs(means) + errors.max(axis=0)))
+        tick = float(f'{0.6 * reach:.1g}')
+        axes.set_xlim(-reach, reach)
+        axes.set_xticks([-tick, 0.0, tick], [f'{-tick:g}', '0', f'{tick:g}'], fontsize=7)
+        axes.set_title(QUANTITIES[what].replace(' ', '\n').replace('of\n', 'of '), fontsize=8)
         axes.set_xlabel(UNITS[unit])
         axes.set_yticks(places, [])
         axes.set_ylim(-0.6, len(names) - 0.4)
-    labels = [' and '.join(FACTOR_LABELS[part] for part in name.split(' x ')) for name in names]
+    labels = [' + '.join(FACTOR_LABELS[part] for part in name.split(' x ')) for name in names]
     panels[0].set_yticks(places, labels)
     return figure
 
@@ -271,7 +277,9 @@ def draw_searches(trials: pd.DataFrame) -> Figure:
                 style_of = {'mfc': 'white' if stage == 1 else colour, 'ms': 4}
                 axes.plot(least.index, least, color=colour, lw=0.9, marker=marker, **style_of)
         axes.set_title(LABELS[arm].replace(' with', '\nwith'), fontsize=9)
-        axes.set_xlabel('drives of the search')
+        axes.set_xlabel(
+            'drives; each stage has own tasks:\n□ first, line: evolution, ● last', fontsize=7.5
+        )
         axes.set_xlim(0, None)
         axes.sharey(np.atleast_1d(panels)[0])
     np.atleast_1d(panels)[0].set(ylabel='least cost so far, mean over tasks', ylim=(0, None))
