@@ -13,6 +13,7 @@ Analyse
     replay             recorded ticks through today's controller
     results            tables and plots of the drives of a batch
     survivable         which emergencies any driver can survive
+    decisive           the study of tuned controllers: estimands, verdicts, figures
     settings_study     the published shares of the study over many settings
     tuning             controller weights by Bayesian optimisation
 Common

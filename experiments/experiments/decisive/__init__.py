@@ -5,8 +5,9 @@ search     the search for the weights of an arm
 outcome    what the tables hold of a drive
 driver     drives rows, keeps a line of the table for each
 run        replicates: search, judge; the draws of the picture
+verdicts   intervals, and the rules that were fixed beforehand
+analysis   estimands, from the tables
 picture    which unprinted parameters make the paper's picture
-analysis   estimands, intervals, verdicts
-figures    a figure for each
-report     both, as `experiments study decide` writes them
+figures    a figure for each estimand
+report     all of it, as `experiments study decide` writes it
 """

@@ -1,0 +1,322 @@
+"""Estimands, intervals and verdicts of the study of tuned controllers, from its tables.
+
+The unit is the replicate: a seed, its searches and its fresh tasks. A difference is the mean over
+the tasks of a replicate, first arm minus second; intervals are Student's t over replicates. Tables:
+
+judged     a row per judged drive: replicate, arm, task, start (0; others measure the scatter of
+           starts and decide nothing), S, stratum, latency_ms, compensated, friction_error, avoided
+           (False also of a drive without a result), and the columns of `BETTER`
+factorial  the same of arms factorial:0000 to 1111, on tasks which both compared arms avoid
+trials     every point of the searches: replicate, arm, stage, drives (of the search, up to then)
+           and cost
+
+Shares, their differences and margins are fractions of 1; 0.01 is a point.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from bags.errors import BagError
+from experiments.decisive.verdicts import (
+    Estimate,
+    Rules,
+    Verdict,
+    decide,
+    estimate,
+    stop_rule,
+    width,
+)
+
+COMPARED = ('mpcc', 'frenet')
+# compared arms; the first pair is that of the verdicts
+PAIRS = (
+    COMPARED,
+    ('mpcc_heading', 'frenet'),
+    ('mpcc', 'frenet_matched'),
+    ('mpcc', 'frenet_lineage'),
+)
+# quantities of a drive, +1 where more is better. As in the paper to brake earlier is better
+BETTER = {'peak_sideslip_deg': -1, 'kept_m': 1, 'min_speed_mps': 1, 'brake_onset_m': -1}
+FACTORS = ('frame', 'lag', 'heading', 'shape')  # digits of a factorial arm, 1 as the baseline
+LATENCIES = ('0 ms', '25 ms', '50 ms', 'compensated')
+# what a regression of avoidance is on, beside the stratum of S
+HIGH, LOW, LATENCY = 'friction believed 5 % too high', '5 % too low', '25 ms of latency'
+KNOWN_LATENCY = 'compensated latency, whole'
+POINTS = 'points'
+
+
+class Row(NamedTuple):
+    """An estimate of what, of which arm or pair, and among which tasks."""
+
+    name: str
+    what: str
+    group: str
+    estimate: Estimate
+    unit: str = POINTS
+    note: str = ''
+
+
+class Results(NamedTuple):
+    """Everything that the study estimates."""
+
+    verdicts: Sequence[Verdict]
+    stop: str
+    shares: Sequence[Row]  # avoided, by arm and stratum
+    gaps: Sequence[Row]  # by pair; of the compared ones by stratum and by latency
+    limits: Sequence[Row]  # S50 by arm, and its ratio, by latency
+    losses: Sequence[Row]  # avoidance lost, by arm and their difference
+    balances: Sequence[Row]  # better, worse and their difference, by pair and quantity
+    effects: Sequence[Row]  # of factors and pairs of factors, by quantity
+    unsteady: Sequence[Row]  # share of tasks in which starts disagree, by arm
+
+
+def analyse(judged: pd.DataFrame, factorial: pd.DataFrame, rules: Rules) -> Results:
+    """Return all estimates. Raises BagError where the compared arms had different tasks."""
+    first, second = paired(judged, COMPARED)
+    drives = judged[(judged['start'] == 0) & judged['arm'].isin(COMPARED)]
+    if 2 * len(first) != len(drives):
+        raise BagError(f'{" and ".join(COMPARED)} were not judged on the same tasks')
+    present = set(judged['arm'])
+    pairs = [pair for pair in PAIRS if present.issuperset(pair)]
+    gap = _per_replicate(_gap(first, second))
+    balance = _per_replicate(pairwise(first, second, 'peak_sideslip_deg', rules))
+    return Results(
+        verdicts=decide(gap, balance, rules),
+        stop=stop_rule(len(gap), [width(estimate(values)) for values in (gap, balance)], rules),
+        shares=list(_shares(judged)),
+        gaps=list(_gaps(judged, pairs)),
+        limits=list(_limits(drives)),
+        losses=list(_losses(drives)),
+        balances=[row for pair in pairs for row in _balances(judged, pair, rules)],
+        effects=list(_effects(factorial)),
+        unsteady=list(_unsteady(judged)),
+    )
+
+
+def paired(judged: pd.DataFrame, pair: Sequence[str]) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return the drives of both arms in the tasks of both, with the same index."""
+    rows = judged[judged['start'] == 0]
+    sides = [rows[rows['arm'] == arm].set_index(['replicate', 'task']) for arm in pair]
+    common = sides[0].index.intersection(sides[1].index)
+    return sides[0].loc[common], sides[1].loc[common]
+
+
+def pairwise(first: pd.DataFrame, second: pd.DataFrame, what: str, rules: Rules) -> pd.Series:
+    """Return per task 1 where the first arm is better, -1 where it is worse, 0 of a tie.
+
+    Whoever does not avoid is last, so no task is left out; two that do not avoid tie. Two that
+    avoid tie where one has no value, as of a car that does not brake hard.
+    """
+    lead = BETTER[what] * (first[what] - second[what])
+    least = rules.better_by[what]
+    among_avoided = (lead >= least).astype(int) - (lead <= -least).astype(int)
+    both = first['avoided'] & second['avoided']
+    return among_avoided.where(both, _gap(first, second).astype(int))
+
+
+def limit_demand(S: np.ndarray, avoided: np.ndarray, span: tuple[float, float]) -> float:
+    """Return S50, where half is avoided: of a logistic curve in log S, fitted by likelihood.
+
+    NaN outside the driven range `span`, and where avoidance does not fall with S.
+    """
+    from scipy.optimize import minimize
+
+    x = np.log(S)
+    centre = x.mean()
+    terms = np.stack([np.ones_like(x), x - centre])
+
+    def loss(weights):
+        z = weights @ terms
+        residual = 1.0 / (1.0 + np.exp(-z)) - avoided
+        return np.logaddexp(0.0, z).sum() - z[avoided].sum(), terms @ residual
+
+    # bounded: of arms that avoid everything below an S, and nothing above, the slope has no limit
+    fit = minimize(loss, (0.0, -1.0), jac=True, method='L-BFGS-B', bounds=[(-200.0, 200.0)] * 2)
+    level, slope = fit.x
+    if slope >= 0.0 or not fit.success:
+        return math.nan
+    logarithm = centre - level / slope
+    return math.exp(logarithm) if np.log(span[0]) <= logarithm <= np.log(span[1]) else math.nan
+
+
+def latency_group(drives: pd.DataFrame) -> pd.Series:
+    """Return the name in LATENCIES of every drive."""
+    return (drives['latency_ms'].astype(str) + ' ms').where(~drives['compensated'], LATENCIES[-1])
+
+
+def _gap(first, second):
+    return first['avoided'].astype(float) - second['avoided'].astype(float)
+
+
+def _per_replicate(values):
+    return values.groupby(level='replicate').mean().to_numpy()
+
+
+def _shares(judged):
+    drives = judged[judged['start'] == 0]
+    for arm, rows in drives.groupby('arm', sort=False):
+        for stratum, part in (('all', rows), *rows.groupby('stratum')):
+            by_replicate = part.groupby('replicate')['avoided'].mean()
+            yield Row(arm, 'avoided', str(stratum), estimate(by_replicate))
+
+
+def _gaps(judged, pairs):
+    for pair in pairs:
+        first, second = paired(judged, pair)
+        difference = _gap(first, second)
+        groups = [('all', difference)]
+        if pair == COMPARED:
+            groups += difference.groupby(first['stratum'])
+            groups += difference.groupby(latency_group(first))
+        for group, values in groups:
+            yield Row(' - '.join(pair), 'avoided', str(group), estimate(_per_replicate(values)))
+
+
+def _limits(drives: pd.DataFrame) -> Iterator[Row]:
+    """Yield S50 by arm, and its ratio: jackknife over replicates, as a replicate has few tasks."""
+    span = (drives['S'].min(), drives['S'].max())
+
+    def logarithms(part):
+        """Return log S50 of both arms and the difference of them."""
+        arms = (part[part['arm'] == arm] for arm in COMPARED)
+        values = [
+            limit_demand(*(arm[k].to_numpy() for k in ('S', 'avoided')), span) for arm in arms
+        ]
+        return np.log([*values, values[0] / values[1]])
+
+    groups = latency_group(drives)
+    for group in LATENCIES:
+        part = drives[groups == group]
+        if part.empty:
+            continue
+        for name, value in zip((*COMPARED, ' / '.join(COMPARED)), _jackknife(part, logarithms)):
+            note = ''
+            if math.isnan(value.mean):
+                note = f'S50 not within {span[0]:.2f} to {span[1]:.2f}'
+            elif math.isnan(value.low) and part['replicate'].nunique() > 1:
+                note = 'no interval: without some replicate S50 leaves the range'
+            value = value._replace(**{k: math.exp(getattr(value, k)) for k in value._fields[:3]})
+            yield Row(name, 'ratio' if '/' in name else 'S50', group, value, '', note)
+
+
+def _jackknife(rows: pd.DataFrame, statistic: Callable) -> list[Estimate]:
+    """Return each number of a statistic with its interval from replicates (Tukey 1958)."""
+    whole, names = statistic(rows), rows['replicate'].unique()
+    if len(names) < 2:
+        return [Estimate(value, math.nan, math.nan, 1) for value in whole]
+    without = np.array([statistic(rows[rows['replicate'] != name]) for name in names])
+    estimates = [estimate(pseudo) for pseudo in (len(names) * whole - (len(names) - 1) * without).T]
+    # of replicates without which S50 leaves the range nothing may be left out: no interval
+    known = np.isfinite(without).all(axis=0) & np.isfinite(whole)
+    return [
+        interval._replace(mean=value) if all_known else Estimate(value, math.nan, math.nan)
+        for interval, value, all_known in zip(estimates, whole, known)
+    ]
+
+
+def _losses(drives: pd.DataFrame) -> Iterator[Row]:
+    """Yield the avoidance lost: least squares within a replicate, with a level per stratum."""
+    names = (HIGH, LOW, LATENCY, KNOWN_LATENCY)
+    slopes: dict[str, list[np.ndarray]] = {arm: [] for arm in COMPARED}
+    for _, replicate in drives.groupby('replicate'):
+        for arm, rows in replicate.groupby('arm'):
+            error, known = rows['friction_error'], rows['compensated']
+            terms = np.column_stack(
+                [
+                    *(error.clip(lower=0.0) / 0.05, -error.clip(upper=0.0) / 0.05),
+                    *((rows['latency_ms'] / 25.0).where(~known, 0.0), known),
+                    pd.get_dummies(rows['stratum']),
+                ]
+            ).astype(float)
+            fit, _, rank, _ = np.linalg.lstsq(terms, rows['avoided'].astype(float))
+            usable = rank == terms.shape[1]
+            slopes[arm].append(-fit[: len(names)] if usable else np.full(len(names), np.nan))
+    arrays = {arm: np.array(values) for arm, values in slopes.items()}
+    arrays[' - '.join(COMPARED)] = arrays[COMPARED[0]] - arrays[COMPARED[1]]
+    for arm, values in arrays.items():
+        for name, column in zip(names, values.T):
+            yield Row(arm, 'avoidance lost', name, estimate(column))
+
+
+def _balances(judged, pair, rules):
+    first, second = paired(judged, pair)
+    for what in BETTER:
+        result = pairwise(first, second, what, rules)
+        note = ''
+        silent = first['avoided'] & second['avoided'] & (first[what].isna() | second[what].isna())
+        if silent.any():
+            note = f'{silent.sum()} of {len(silent)} tasks tie because an arm has no value'
+        shares = (('balance', result), ('better', result == 1), ('worse', result == -1))
+        for group, values in shares:
+            yield Row(' - '.join(pair), what, group, estimate(_per_replicate(values)), note=note)
+
+
+def _effects(factorial: pd.DataFrame) -> Iterator[Row]:
+    """Yield main effects and interactions of two factors, within the tasks that have all values.
+
+    An effect is the mean of the eight drives with the factor as the baseline has it less that of
+    the other eight; an interaction is half of what the effect of a factor gains by the other
+    factor. Intervals are over replicates, of a single replicate over its tasks.
+    """
+    if factorial.empty:
+        return
+    arms = [f'factorial:{k:04b}' for k in range(16)]
+    signs = np.array([[1.0 if digit == '1' else -1.0 for digit in arm[-4:]] for arm in arms])
+    wanted = [(k,) for k in range(4)] + [*combinations(range(4), 2)]
+    contrasts = np.array([signs[:, list(k)].prod(axis=1) / 8 for k in wanted])
+    # a drive that ends early has no values to compare
+    drives = factorial.assign(
+        **{what: factorial[what].where(factorial['avoided']) for what in BETTER}
+    )
+    for what in ('avoided', *BETTER):
+        table = drives.pivot(index=['replicate', 'task'], columns='arm', values=what)[arms]
+        tasks, table = len(table), table.astype(float).dropna()
+        effects = pd.DataFrame(table.to_numpy() @ contrasts.T, index=table.index)
+        if factorial['replicate'].nunique() > 1:
+            effects = effects.groupby(level='replicate').mean()
+        for numbers, values in zip(wanted, effects.to_numpy().T):
+            name = ' x '.join(FACTORS[k] for k in numbers)
+            unit = POINTS if what == 'avoided' else what.rpartition('_')[2]
+            yield Row(
+                *(name, what, 'interaction' if len(numbers) == 2 else 'effect'),
+                *(estimate(values), unit, f'{len(table)} of {tasks} tasks'),
+            )
+
+
+def _unsteady(judged):
+    several = judged.groupby(['arm', 'replicate', 'task'], sort=False)['avoided'].agg(
+        ['nunique', 'size']
+    )
+    several = several[several['size'] > 1]
+    for arm, rows in (several['nunique'] > 1).groupby(level='arm', sort=False):
+        yield Row(arm, 'starts disagree', 'all', estimate(_per_replicate(rows)))
+
+
+def to_text(results: Results) -> str:
+    """Return everything as lines for a terminal; points as such, other units as they are."""
+    lines = [f'{results.stop}', '']
+    for item in results.verdicts:
+        more = f'; {item.more} more replicates would decide' if item.more else ''
+        lines.append(
+            f'{item.hypothesis}: {item.text}{more} ({_interval(item.estimate, POINTS)}, '
+            f'{100 * item.confidence:g} % over {item.estimate.units} replicates, which scatter by '
+            f'{100 * item.estimate.scatter:.1f}; margin {100 * item.margin:g})'
+        )
+    for name, rows in zip(results._fields[2:], results[2:]):
+        lines += ['', name]
+        for row in rows:
+            numbers = _interval(row.estimate, row.unit)
+            line = f'  {row.name:24}{row.what:20}{row.group:32}{numbers:28}{row.note}'
+            lines.append(line.rstrip())
+    return '\n'.join(lines)
+
+
+def _interval(item, unit):
+    factor, digits = (100, 1) if unit == POINTS else (1, 3)
+    mean, low, high = (factor * value for value in item[:3])
+    return f'{mean:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}] {unit}'.rstrip()

@@ -1,0 +1,323 @@
+"""A figure for each estimand of the study of tuned controllers, and one of the searches.
+
+Lines over a point are its interval of 95 % over replicates.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from bags.figures import style
+from experiments.decisive.analysis import (
+    BETTER,
+    COMPARED,
+    HIGH,
+    KNOWN_LATENCY,
+    LATENCIES,
+    LATENCY,
+    LOW,
+    POINTS,
+    Results,
+    Row,
+)
+from experiments.decisive.verdicts import Rules
+
+WIDTH_INCH = 6.0  # 900 pixels
+LABELS = {
+    'mpcc': 'tuned MPCC',
+    'frenet': 'tuned baseline',
+    'mpcc_heading': 'tuned MPCC with heading cost',
+    'frenet_matched': "baseline with the MPCC's weights",
+    'frenet_lineage': 'baseline, older published weights',
+    'mpcc_shipped': 'MPCC, not tuned',
+    'frenet_shipped': 'baseline, not tuned',
+}
+DIFFERENCE = ' - '.join(COMPARED)
+QUANTITIES = {
+    'peak_sideslip_deg': 'peak sideslip',
+    'kept_m': 'distance kept',
+    'min_speed_mps': 'least speed',
+    'brake_onset_m': 'start of hard braking',
+    'avoided': 'tasks avoided',
+}
+WORDS = {  # what is better
+    'peak_sideslip_deg': 'smaller',
+    'kept_m': 'greater',
+    'min_speed_mps': 'higher',
+    'brake_onset_m': 'earlier',
+}
+UNITS = {'deg': 'deg', 'm': 'm', 'mps': 'm/s', POINTS: 'points'}
+FACTOR_LABELS = {
+    'frame': 'path frame',
+    'lag': 'no lag cost',
+    'heading': 'heading cost',
+    'shape': 'step priority',
+}
+MARKERS = ('o', 's', 'D', '^', 'v', 'P', 'X')
+AVOIDED = 'tasks avoided [%]'
+
+
+def write_all(
+    results: Results, trials: pd.DataFrame, rules: Rules, span: tuple[float, float], folder: Path
+) -> list[Path]:
+    """Write every figure into a folder; return the paths of PNG and SVG.
+
+    `trials` are the points of the searches, `span` is the range of S of the tasks.
+    """
+    with mpl.rc_context(style.RC):
+        drawn = {
+            'avoidance_gap': draw_gap(results, rules, span),
+            'limit_ratio': draw_limits(results.limits, span),
+            'sensitivity': draw_losses(results.losses),
+            'win_balance': draw_balances(results.balances, rules),
+            'mechanism': draw_effects(results.effects),
+            'search_cost': draw_searches(trials),
+        }
+        folder.mkdir(parents=True, exist_ok=True)
+        return [
+            path
+            for name, figure in drawn.items()
+            for path in style.save_figure(figure, folder / name)
+        ]
+
+
+def draw_gap(results: Results, rules: Rules, span: tuple[float, float]) -> Figure:
+    """Return the avoidance of every arm over S, and the gap of the compared arms below."""
+    figure, (above, below) = _sheet(
+        'How many tasks does each controller avoid, the harder they are?', 6.4, 2
+    )
+    strata = sorted({row.group for row in results.shares} - {'all'}, key=int)
+    edges = np.linspace(*span, len(strata) + 1)
+    places = (edges[:-1] + edges[1:]) / 2
+    names = [name for name in LABELS if any(row.name == name for row in results.shares)]
+    colours = style.assign_colours([name.removesuffix('_shipped') for name in names])
+    for k, name in enumerate(names):
+        rows = {row.group: row for row in results.shares if row.name == name}
+        shift = (k - (len(names) - 1) / 2) * 0.007
+        tuned = not name.endswith('_shipped')
+        _points(
+            *(above, places + shift, [rows[group] for group in strata if group in rows]),
+            *(100, LABELS[name], colours[name.removesuffix('_shipped')], MARKERS[k]),
+            line='-' if tuned else ':',
+        )
+    above.set(ylabel=AVOIDED, ylim=(-3, 103), title='Avoided, by controller')
+    gaps = {row.group: row for row in results.gaps if row.name == DIFFERENCE}
+    margin = 100 * rules.gap_margin
+    _margin(below.axhspan, margin, f'within ±{margin:g} points: equivalent')
+    _points(below, places, [gaps[group] for group in strata], 100, '', style.INK, 'o')
+    overall = gaps['all'].estimate
+    label = f'all tasks: {100 * overall.mean:+.1f} points'
+    below.axhspan(100 * overall.low, 100 * overall.high, color='#56B4E9', alpha=0.45, lw=0)
+    below.axhline(100 * overall.mean, color=style.KNOWN['mpcc'], lw=1.5, label=label)
+    below.set(ylabel='difference [points]', title='Tuned MPCC less tuned baseline')
+    below.set_xlabel('demand S: lateral acceleration that the task requires, over the limit')
+    below.legend(loc='best')
+    low, high = below.get_ylim()
+    below.set_ylim(min(low, -margin - 1), max(high, margin + 1))
+    figure.legend(*above.get_legend_handles_labels(), loc='outside lower center', ncols=2)
+    return figure
+
+
+def draw_limits(rows: Sequence[Row], span: tuple[float, float]) -> Figure:
+    """Return the demand of which each arm avoids half, and the ratio of both, by latency."""
+    figure, (above, below) = _sheet('Up to which demand does each controller avoid half?', 5.6, 2)
+    groups = [group for group in LATENCIES if any(row.group == group for row in rows)]
+    places = np.arange(len(groups), dtype=float)
+    for k, name in enumerate(COMPARED):
+        own = [row for row in rows if row.name == name]
+        _points(
+            *(above, places + 0.16 * (k - 0.5), own, 1, LABELS[name]),
+            *(style.KNOWN[name], MARKERS[k]),
+            line='',
+        )
+    above.set(ylabel='demand S with half avoided', ylim=(span[0] - 0.02, span[1] + 0.02))
+    above.set_title(f'S50, where it is within {span[0]:.1f} to {span[1]:.1f}')
+    above.legend(loc='best')
+    ratios = [row for row in rows if '/' in row.name]
+    _points(below, places, ratios, 1, '', style.INK, 'o', line='')
+    below.axhline(1.0, color=style.REFERENCE, lw=1)
+    below.set(ylabel='ratio', title='MPCC over baseline; above 1 the MPCC gets further')
+    below.set_xlabel('time from a command to the actuators')
+    for axes, own in ((above, rows), (below, ratios)):
+        axes.set_xticks(places, [_latency_label(group) for group in groups])
+        axes.set_xlim(-0.5, len(groups) - 0.5)
+        for place, group in zip(places, groups):
+            missing = [row for row in own if row.group == group and np.isnan(row.estimate.mean)]
+            if missing:
+                axes.annotate(
+                    *('outside\nthe range', (place, 0.5)),
+                    xycoords=('data', 'axes fraction'),
+                    ha='center',
+                    color=style.QUIET,
+                )
+    return figure
+
+
+def draw_losses(rows: Sequence[Row]) -> Figure:
+    """Return what wrong friction and latency cost each arm in avoidance."""
+    names = {
+        HIGH: 'friction believed\n5 % too high',
+        LOW: 'friction believed\n5 % too low',
+        LATENCY: '25 ms of latency\nthat it does not know',
+        KNOWN_LATENCY: 'latency that it\nknows, whole',
+    }
+    figure, axes = _sheet('How much avoidance do wrong friction and latency cost?', 3.9)
+    places = np.arange(len(names), dtype=float)
+    colours = {**style.KNOWN, DIFFERENCE: style.INK}
+    for k, name in enumerate((*COMPARED, DIFFERENCE)):
+        own = {row.group: row for row in rows if row.name == name}
+        _points(
+            *(axes, places + 0.2 * (k - 1), [own[group] for group in names], 100),
+            *(LABELS.get(name, 'difference: below 0 the MPCC loses less'), colours[name]),
+            MARKERS[k],
+            line='',
+        )
+    axes.axhline(0.0, color=style.REFERENCE, lw=1)
+    axes.set_xticks(places, names.values())
+    axes.set(ylabel='avoidance lost [points]', xlim=(-0.5, len(names) - 0.5))
+    figure.legend(loc='outside lower center', ncols=3)
+    return figure
+
+
+def draw_balances(rows: Sequence[Row], rules: Rules) -> Figure:
+    """Return how often the first arm of each pair is better and worse, by quantity."""
+    pairs = list(dict.fromkeys(row.name for row in rows))
+    figure, panels = _sheet('Who is better, task by task?', 1.2 + 1.75 * len(pairs), len(pairs))
+    margin = 100 * rules.balance_margin
+    places = np.arange(len(BETTER), dtype=float)[::-1]
+    for axes, pair in zip(panels if len(pairs) > 1 else [panels], pairs):
+        first, second = pair.split(' - ')
+        groups = {
+            group: [row for row in rows if row.name == pair and row.group == group]
+            for group in ('better', 'worse', 'balance')
+        }
+        for group, sign, name in (('better', 1, first), ('worse', -1, second)):
+            shares = [100 * sign * row.estimate.mean for row in groups[group]]
+            colour = style.KNOWN[name.partition('_')[0]]
+            axes.barh(places, shares, 0.6, color=colour, alpha=0.35)
+        _margin(axes.axvspan, margin, f'balance within ±{margin:g} points: equivalent')
+        means, errors = _bars(groups['balance'], 100)
+        axes.errorbar(
+            *(means, places),
+            xerr=errors,
+            color=style.INK,
+            marker='o',
+            ms=4,
+            capsize=3,
+            ls='',
+            label='balance: share better less share worse',
+        )
+        axes.axvline(0.0, color=style.REFERENCE, lw=1)
+        axes.set_yticks(places, [_quantity_label(row.what, rules) for row in groups['balance']])
+        axes.set(xlim=(-100, 100))
+        axes.xaxis.set_major_formatter(lambda value, _: f'{abs(value):g}')
+        axes.set_title(f'{LABELS[second]} better', fontsize=8, color=style.KNOWN['frenet'])
+        axes.set_title(
+            f'{LABELS[first]} better', loc='right', fontsize=8, color=style.KNOWN['mpcc']
+        )
+    axes.set_xlabel('share of tasks [%]; a crash is last, two crashes tie')
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc='outside lower center', ncols=2)
+    return figure
+
+
+def draw_effects(rows: Sequence[Row]) -> Figure:
+    """Return what each difference of the two formulations does, and each pair of them."""
+    quantities = list(dict.fromkeys(row.what for row in rows))
+    figure, panels = _sheet(
+        'What does each part of the baseline change in the tuned MPCC?', 4.6, 1, len(quantities)
+    )
+    names = [row.name for row in rows if row.what == quantities[0]]
+    places = np.arange(len(names), dtype=float)[::-1]
+    for axes, what in zip(panels, quantities):
+        own = [row for row in rows if row.what == what]
+        unit = own[0].unit
+        means, errors = _bars(own, 100 if unit == POINTS else 1)
+        main = np.array([row.group == 'effect' for row in own])
+        for chosen, colour, marker in ((main, style.INK, 'o'), (~main, style.QUIET, 'D')):
+            axes.errorbar(
+                *(means[chosen], places[chosen]),
+                xerr=errors[:, chosen],
+                color=colour,
+                marker=marker,
+                ms=4,
+                capsize=2,
+                ls='',
+            )
+        axes.axvline(0.0, color=style.REFERENCE, lw=1)
+        # rounding errors are no effect
+        reach = max(1e-3, 1.3 * np.nanmax(np.abs(means) + errors.max(axis=0)))
+        tick = float(f'{0.6 * reach:.1g}')
+        axes.set_xlim(-reach, reach)
+        axes.set_xticks([-tick, 0.0, tick], [f'{-tick:g}', '0', f'{tick:g}'], fontsize=7)
+        axes.set_title(QUANTITIES[what].replace(' ', '\n').replace('of\n', 'of '), fontsize=8)
+        axes.set_xlabel(UNITS[unit])
+        axes.set_yticks(places, [])
+        axes.set_ylim(-0.6, len(names) - 0.4)
+    labels = [' + '.join(FACTOR_LABELS[part] for part in name.split(' x ')) for name in names]
+    panels[0].set_yticks(places, labels)
+    return figure
+
+
+def draw_searches(trials: pd.DataFrame) -> Figure:
+    """Return the least cost of every search over its drives; each stage has tasks of its own."""
+    arms = [name for name in LABELS if name in set(trials['arm'])]
+    figure, panels = _sheet('What does more search bring?', 3.6, 1, len(arms))
+    last = trials['stage'].max()
+    for axes, arm in zip(np.atleast_1d(panels), arms):
+        colour = style.assign_colours(arms)[arm]
+        for _, search in trials[trials['arm'] == arm].groupby('replicate'):
+            for stage, points in search.groupby('stage'):
+                least = points.groupby('drives')['cost'].min().cummin()
+                marker = {1: 's', last: 'o'}.get(stage, '')
+                style_of = {'mfc': 'white' if stage == 1 else colour, 'ms': 4}
+                axes.plot(least.index, least, color=colour, lw=0.9, marker=marker, **style_of)
+        axes.set_title(LABELS[arm].replace(' with', '\nwith'), fontsize=9)
+        axes.set_xlabel(
+            'drives; each stage has own tasks:\n□ first, line: evolution, ● last', fontsize=7.5
+        )
+        axes.set_xlim(0, None)
+        axes.sharey(np.atleast_1d(panels)[0])
+    np.atleast_1d(panels)[0].set(ylabel='least cost so far, mean over tasks', ylim=(0, None))
+    return figure
+
+
+def _sheet(title, height, rows=1, columns=1):
+    """Return a figure as wide as all others, `height` [inch], and its panels."""
+    figure = Figure(figsize=(WIDTH_INCH, height), layout='constrained')
+    figure.suptitle(title, x=0.012, ha='left', fontsize=11.5, fontweight='bold')
+    return figure, figure.subplots(rows, columns, sharex=rows > 1)
+
+
+def _bars(rows, factor):
+    """Return the means (n,) and the lengths (2, n) of their intervals to both sides."""
+    low, mean, high = (
+        factor * np.array([getattr(row.estimate, name) for row in rows])
+        for name in ('low', 'mean', 'high')
+    )
+    return mean, np.nan_to_num(np.maximum(0.0, [mean - low, high - mean]))
+
+
+def _points(axes, places, rows, factor, label, colour, marker, line='-'):
+    means, errors = _bars(rows, factor)
+    look = {'color': colour, 'marker': marker, 'ms': 4.5, 'capsize': 2.5, 'lw': 1.3, 'ls': line}
+    axes.errorbar(places, means, errors, label=label, **look)
+
+
+def _margin(span, margin, label):
+    span(-margin, margin, color='#E4E4E4', lw=0, zorder=0.5, label=label)
+
+
+def _latency_label(group):
+    return f'{group}, unknown\nto the controller' if group[0] in '25' else {
+        '0 ms': 'none', 'compensated': '50 ms, known\nto the controller'
+    }[group]  # fmt: skip
+
+
+def _quantity_label(what, rules):
+    unit = UNITS[what.rpartition('_')[2]]
+    return f'{QUANTITIES[what]}\n{rules.better_by[what]:g} {unit} {WORDS[what]}'
