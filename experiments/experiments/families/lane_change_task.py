@@ -27,7 +27,7 @@ from scenario_publisher import lines
 
 NAME = 'lane_change_task'
 CIRCLE_M = 1.1  # the paper's circle around the centre of gravity
-DEMAND = (0.2, 0.9)  # S
+DEMAND = (0.3, 1.2)  # S
 SPEEDS = (14.0, 45.0)  # m/s: a drive ends as too slow at 7
 UNIFORM: Mapping[str, tuple[float, float]] = MappingProxyType(
     {
