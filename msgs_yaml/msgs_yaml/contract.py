@@ -206,12 +206,17 @@ class Contract:
 
 
 @cache
-def load(path: Path | None = None) -> Contract:
-    """Read a contract, by default the one of this package, once per process.
+def load() -> Contract:
+    """Return the contract of this package, read once per process; raise as `read_contract`."""
+    return read_contract(share.path('msgs_yaml', 'topics.yaml'))
+
+
+def read_contract(path: Path) -> Contract:
+    """Read the contract of a file.
 
     Raises ContractError, text `<file>:<line>: <key>: <what is wrong>`.
     """
-    file = parse_value(_File, read(path or share.path('msgs_yaml', 'topics.yaml')))
+    file = parse_value(_File, read(path))
 
     def topic(name, described):
         parts = vars(described) | {'name': name, 'profiles': described.qos}

@@ -4,7 +4,6 @@ Every function but `transform` is the inverse of the one of the same name in `de
 """
 
 import math
-from functools import partial
 
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -26,17 +25,29 @@ _WHITE = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
 _RED = ColorRGBA(r=0.85, g=0.15, b=0.1, a=0.9)
 
 
-def _flat(topic, kind, x):
-    """Return the message of a value of `flat_fields.TYPES`."""
-    return deserialize_message(flat_fields.load(topic).fill(x), kind)
+def odometry(x: types.VehicleState) -> Odometry:
+    """Return /vehicle/odometry."""
+    return _flat('/vehicle/odometry', Odometry, x)
 
 
-# each takes the value of `types` that is named alike
-odometry = partial(_flat, '/vehicle/odometry', Odometry)
-imu = partial(_flat, '/vehicle/imu', Imu)
-actuators = partial(_flat, '/vehicle/actuators', JointState)
-wheels = partial(_flat, '/vehicle/wheels', JointState)
-command = partial(_flat, '/controller/command', JointState)
+def imu(x: types.Imu) -> Imu:
+    """Return /vehicle/imu."""
+    return _flat('/vehicle/imu', Imu, x)
+
+
+def actuators(x: types.Actuators) -> JointState:
+    """Return /vehicle/actuators."""
+    return _flat('/vehicle/actuators', JointState, x)
+
+
+def wheels(x: types.Wheels) -> JointState:
+    """Return /vehicle/wheels."""
+    return _flat('/vehicle/wheels', JointState, x)
+
+
+def command(x: types.Command) -> JointState:
+    """Return /controller/command."""
+    return _flat('/controller/command', JointState, x)
 
 
 def transform(x: types.VehicleState) -> TransformStamped:
@@ -48,18 +59,14 @@ def transform(x: types.VehicleState) -> TransformStamped:
     return msg
 
 
-def _path(topic, x):
-    msg = Path(header=_header(topic, x.stamp_ns))
-    for X, Y, psi, t in zip(x.X, x.Y, x.psi, x.t):
-        pose = PoseStamped(header=_header(topic, conversions.add_seconds(x.stamp_ns, t)))
-        pose.pose.position.x, pose.pose.position.y = float(X), float(Y)
-        pose.pose.orientation.z, pose.pose.orientation.w = conversions.heading_to_quaternion(psi)
-        msg.poses.append(pose)
-    return msg
+def reference(x: types.Reference) -> Path:
+    """Return /scenario/reference."""
+    return _path('/scenario/reference', x)
 
 
-reference = partial(_path, '/scenario/reference')
-prediction = partial(_path, '/controller/prediction')
+def prediction(x: types.Prediction) -> Path:
+    """Return /controller/prediction."""
+    return _path('/controller/prediction', x)
 
 
 def road_edges(x: types.RoadEdges) -> MarkerArray:
@@ -110,6 +117,21 @@ def clock(stamp_ns: int) -> Clock:
 def run_start(stamp_ns: int) -> Time:
     """Return /vehicle/run_start; 0 ns stands for a run that has not begun."""
     return _time(stamp_ns)
+
+
+def _flat(topic, kind, x):
+    """Return the message of a value of `flat_fields.TYPES`."""
+    return deserialize_message(flat_fields.load(topic).fill(x), kind)
+
+
+def _path(topic, x):
+    msg = Path(header=_header(topic, x.stamp_ns))
+    for X, Y, psi, t in zip(x.X, x.Y, x.psi, x.t):
+        pose = PoseStamped(header=_header(topic, conversions.add_seconds(x.stamp_ns, t)))
+        pose.pose.position.x, pose.pose.position.y = float(X), float(Y)
+        pose.pose.orientation.z, pose.pose.orientation.w = conversions.heading_to_quaternion(psi)
+        msg.poses.append(pose)
+    return msg
 
 
 def _time(stamp_ns):

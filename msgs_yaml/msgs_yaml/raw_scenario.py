@@ -23,13 +23,20 @@ from msgs_yaml.types import Reference, RoadEdges
 REFERENCE = '/scenario/reference'
 ROAD_EDGES = '/scenario/road_edges'
 STAMP = [('sec', '<i4'), ('nanosec', '<u4')]
-FRAME = np.void(b'\x04\x00\x00\x00map\x00')  # length and characters, with the closing zero
+_FRAME = contract.load().topics[REFERENCE].frame
+# length and characters, with the closing zero
+FRAME = np.void(struct.pack('<I', len(_FRAME) + 1) + _FRAME.encode() + b'\0')
+if FRAME.itemsize % 8:  # other lengths need padding before every pose
+    raise contract.ContractError(
+        f'{REFERENCE}: the frame {_FRAME!r} has {len(_FRAME)} characters; allowed 3, 11, 19, ...'
+    )
 HEAD = np.dtype(
     [('encapsulation', 'V4'), ('stamp', STAMP), ('frame', FRAME.dtype), ('poses', '<u4')]
 )
 POSE = np.dtype([('stamp', STAMP), ('frame', FRAME.dtype), ('pose', 'V56')])
-PADDING = slice(40, 44)  # only in the first pose: its doubles would not be aligned
-_LEAST_BYTES = HEAD.itemsize + PADDING.stop - PADDING.start
+_FIRST_DOUBLE = HEAD.itemsize + POSE.fields['pose'][1]  # without the padding that aligns it
+PADDING = slice(_FIRST_DOUBLE, _FIRST_DOUBLE + 4)  # the poses behind the first one need none
+_LEAST_BYTES = HEAD.itemsize + 4
 _POSITION, _ORIENTATION = 'poses[*].pose.position', 'poses[*].pose.orientation'
 _POSE_PATHS = *(f'{_POSITION}.{a}' for a in 'xyz'), *(f'{_ORIENTATION}.{a}' for a in 'xyzw')
 _EXACT_NS = 2**53  # longer durations are no exact double

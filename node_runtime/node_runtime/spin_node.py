@@ -133,7 +133,9 @@ def _spin(make_node, args):
             error.__traceback__ = None
             error = error.__cause__ or error.__context__
         gc.collect()
-        shut_down(*([node] if node else []))
+        if node:
+            node.destroy_node()
+        rclpy.try_shutdown()
     return code
 
 

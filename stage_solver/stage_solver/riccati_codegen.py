@@ -81,18 +81,16 @@ def source(problem: StageProblem) -> str:
     """
     models = {'stage': make_stage(problem), 'last': make_last_stage(problem)}
     strides = {'stage': 'LANES', 'last': 'W'}
-    functions, sizes = (
-        [],
-        {
-            'N': problem.horizon,
-            'NX': problem.nx,
-            'NU': problem.nu,
-            'NP': problem.np,
-            'NG': max(problem.ng, problem.nh),
-            'STAGE_NG': problem.ng,
-            'LAST_NG': problem.nh,
-        },
-    )
+    functions = []
+    sizes = {
+        'N': problem.horizon,
+        'NX': problem.nx,
+        'NU': problem.nu,
+        'NP': problem.np,
+        'NG': max(problem.ng, problem.nh),
+        'STAGE_NG': problem.ng,
+        'LAST_NG': problem.nh,
+    }
     for name, model in models.items():
         emitter = vector_codegen.Emitter(
             ExpressionGraph(list(model), ONCE_INPUTS), name, strides[name]

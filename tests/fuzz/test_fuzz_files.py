@@ -53,7 +53,7 @@ FILES |= {
 }
 FILES['topics.yaml'] = (
     share.path('msgs_yaml', 'topics.yaml').read_text(),
-    contract.load,
+    contract.read_contract,
     YamlError,
 )
 VALUES = (

@@ -17,7 +17,7 @@ SHIPPED = contract.load()
 def load(tmp_path, lines):
     path = tmp_path / 'topics.yaml'
     path.write_text('\n'.join(lines) + '\n')
-    return contract.load(path)
+    return contract.read_contract(path)
 
 
 def test_what_is_written_is_what_is_read(tmp_path):
@@ -128,7 +128,7 @@ def test_the_shipped_contract_names_every_topic_of_the_ring_and_what_others_deri
     with pytest.raises(KeyError):
         SHIPPED.find('/map')
     assert contract.load() is SHIPPED
-    assert contract.load(share.path('msgs_yaml', 'topics.yaml')) == SHIPPED
+    assert contract.read_contract(share.path('msgs_yaml', 'topics.yaml')) == SHIPPED
 
 
 @pytest.mark.parametrize('name', SHIPPED.topics)

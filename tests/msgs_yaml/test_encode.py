@@ -1,13 +1,15 @@
 """Messages take the forms of topics.yaml, so that viewers and plotters show them as they are."""
 
 import math
+import runpy
 from typing import NamedTuple
 
+import long_paths
 import pytest
 from example_messages import decoded, encoded, load_example
 from visualization_msgs.msg import Marker
 
-from msgs_yaml import conformance, contract, decode, encode, flat_fields, share
+from msgs_yaml import conformance, contract, decode, encode, flat_fields, raw_scenario, share
 from msgs_yaml.contract import ContractError
 from msgs_yaml.types import Command, Imu, Obstacle, Obstacles, VehicleState, Why
 from node_runtime import ros
@@ -118,7 +120,7 @@ def read_contract(tmp_path, monkeypatch):
     def read(old, new):
         path = tmp_path / 'topics.yaml'
         path.write_text(share.path('msgs_yaml', 'topics.yaml').read_text().replace(old, new))
-        other = contract.load(path)
+        other = contract.read_contract(path)
         monkeypatch.setattr(contract, 'load', lambda: other)
         for function in cached:
             function.cache_clear()
@@ -142,6 +144,22 @@ def test_a_new_number_costs_a_line_in_topics_yaml_and_one_in_its_type(read_contr
     assert flat_fields.load(IMU).columns['az_mps2'] == ('linear_acceleration.z',)
     with pytest.raises(decode.DecodeError, match=r'linear_acceleration.z \(az\) is 9.5'):
         decode.imu(encode.imu(value._replace(az=9.5)))
+
+
+@pytest.mark.parametrize(('letters', 'fits'), [(3, True), (4, False), (11, True)])
+def test_serialised_paths_have_the_frame_of_the_contract(read_contract, letters, fits):
+    frame = 'earth_fixed'[:letters]
+    read_contract('frame: map', f'frame: {frame}')
+    if not fits:
+        with pytest.raises(ContractError, match="the frame 'eart' has 4 characters; allowed 3, 11"):
+            runpy.run_path(raw_scenario.__file__)
+        return
+    message = encode.reference(long_paths.path(3))
+    raw = ros.serialize(message)
+    read = runpy.run_path(raw_scenario.__file__)['read_reference']
+    assert frame.encode() in raw
+    assert long_paths.are_equal(read(raw), decode.reference(message))
+    assert read(raw.replace(frame.encode(), b'x' * letters)) is None
 
 
 def test_a_field_of_two_numbers_is_an_error(read_contract, monkeypatch):

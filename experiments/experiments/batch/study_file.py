@@ -28,7 +28,7 @@ from experiments.configuration.inputs import PLANT_CAR
 from experiments.drive_row import ROLES, SCENARIO_FRICTION, SCENARIO_SETTINGS, SCENARIO_SPEED
 from experiments.families.draw import FAMILIES, NOMINAL
 from experiments.simulation import PLANT_SETTINGS
-from msgs_yaml.strict_yaml import Item, Pattern, YamlError, closest, parse_value, read
+from msgs_yaml.strict_yaml import EMPTY, Item, Pattern, YamlError, closest, parse_value, read
 from node_runtime.parameters import Range
 
 SETTING_NAMES = f'plant.*, controller.*, {SCENARIO_SPEED} and {SCENARIO_FRICTION}'
@@ -239,4 +239,6 @@ def _value(name, item):
     if name in SCENARIO_SETTINGS:
         return parse_value(SCENARIO_SETTINGS[name], item)
     value = set_option.file_value(item)
+    if value is EMPTY:
+        raise item.error('has no value; allowed a value, or null where a parameter may be left out')
     return tuple(value) if isinstance(value, list) else value

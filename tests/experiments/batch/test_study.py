@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from bags.errors import BagError
 from experiments import drive_row
 from experiments.batch import distributions, study_file, study_rows
 from experiments.batch.distributions import Choice, LogUniform, Normal, Uniform
@@ -102,6 +103,13 @@ def test_files_are_found_from_the_folder_of_the_study(write_study, short_road, m
     other = short_road.with_name('other_road.yaml')
     assert study.scenarios == ('straight', str(other), str(short_road))
     assert study.drives == 3 * 1 * 2 * 2
+
+
+def test_an_element_without_a_value_is_an_error(write_study):
+    path = write_study(set={MASS: [1500, 'NOTHING']})
+    path.write_text(path.read_text().replace('NOTHING', ''))
+    with pytest.raises(BagError, match=rf'study.yaml:9: set.{MASS}\[1\]: has no value; allowed'):
+        study_file.load(path)
 
 
 @pytest.mark.parametrize('name', ['batch_example', 'robustness', 'speed_friction'])
