@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments.decisive import analysis, arms, outcome, picture, search
+from experiments.decisive import arms, outcome, picture, report, search
 from experiments.decisive.driver import Driver
 from experiments.drive_records import DriveRecords
 from experiments.pool import Pool
@@ -45,7 +45,7 @@ def run(
         tables = {name: _collect(folder, name) for name in TABLES}
         is_over = number >= (replicates or plan['stop']['cap'])
         if not replicates and number >= plan['stop']['from']:
-            is_over = is_over or analysis.is_enough(tables['drives'], plan)
+            is_over = is_over or report.analyse(plan, tables).stop.startswith('stop')
     with DriveRecords(folder / 'picture') as records:
         driver = Driver(records, pool, progress)
         picture.drive(plan, driver)

@@ -28,6 +28,7 @@ from scenario_publisher import lines
 NAME = 'lane_change_task'
 CIRCLE_M = 1.1  # the paper's circle around the centre of gravity
 DEMAND = (0.3, 1.2)  # S
+STRATA = 9  # equal parts of it
 SPEEDS = (14.0, 45.0)  # m/s: a drive ends as too slow at 7
 UNIFORM: Mapping[str, tuple[float, float]] = MappingProxyType(
     {
@@ -79,7 +80,8 @@ def lane_change_task(random: Random, hard: bool) -> dict[str, Any]:
 
     There are no hard ones. Raises RuntimeError where no course demands S at an allowed speed.
     """
-    S = random.uniform(*DEMAND)
+    share = random.random()
+    S = DEMAND[0] + share * (DEMAND[1] - DEMAND[0])
     latency, known = random.choice(LATENCIES)
     car = (random.choice(CARS), random.choice(REAR_CORNERING), random.choice(ROLL_SHARES))
     plant = plant_variant.build(Variant(*car, known / 1000.0))
@@ -95,6 +97,7 @@ def lane_change_task(random: Random, hard: bool) -> dict[str, Any]:
     parts['description'] = f'Double lane change that demands S = {S:.3f}, at {speed:.1f} m/s.'
     parts[VALUES] = {
         'S': S,
+        'stratum': int(share * STRATA),
         'speed_mps': speed,
         'latency_ms': latency,
         'compensated': known > 0,

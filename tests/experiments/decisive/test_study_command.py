@@ -1,0 +1,57 @@
+"""A small study from its plan to its figures, through the command."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import yaml
+
+from experiments import cli
+
+ROOT = Path(__file__).parents[3]
+PLAN = 'paper/study/study.yaml'
+
+
+@pytest.fixture(scope='module')
+def plan():
+    """Return the plan with so few drives that a test may wait for them."""
+    values = yaml.safe_load((ROOT / PLAN).read_text())
+    values |= {'judged_tasks': 3, 'factorial_tasks': 1, 'derived': {}, 'factors': {}}
+    values['tuned'] = {name: values['tuned'][name] for name in ('mpcc', 'frenet')}
+    values['starts'] |= {'tasks': 1, 'count': 1}
+    values['search'] |= {
+        'first': {'points': 4, 'tasks': 1},
+        'evolution': {'from_best': 2, 'sigma': 0.1, 'generations': 1, 'size': 4, 'tasks': 1},
+        'last': {'points': 2, 'tasks': 2},
+    }
+    values['picture'] |= {'drives': 4, 'batch': 4, 'nearest': 1}
+    return values
+
+
+def test_a_study_is_driven_goes_on_and_is_decided(plan, tmp_path, capsys):
+    (tmp_path / 'study.yaml').write_text(yaml.safe_dump(plan))
+    run = ['study', 'run', str(tmp_path), '--replicates', '2', '--jobs', '1']
+    assert cli.main(run) == 0
+    drives = pd.read_parquet(tmp_path / 'drives.parquet')
+    searched = drives[~drives['judged']].groupby(['replicate', 'arm']).size()
+    assert set(searched) == {4 + 4 + 2 * 2}
+    judged = drives[drives['judged'] & drives['start'].eq(0)]
+    # both arms had the same tasks, which are those of no search
+    tasks = judged.groupby(['replicate', 'arm'])['S'].apply(tuple).unstack('arm')
+    assert (tasks['mpcc'] == tasks['frenet']).all()
+    assert tasks['mpcc'].nunique() == 2
+    assert (drives['error'] == '').all()
+
+    # nothing is driven again
+    before = (tmp_path / 'drives.parquet').read_bytes()
+    records = sorted(tmp_path.glob('*/drives.jsonl'))
+    sizes = [file.stat().st_size for file in records]
+    assert cli.main(run) == 0
+    assert (tmp_path / 'drives.parquet').read_bytes() == before
+    assert [file.stat().st_size for file in records] == sizes
+
+    capsys.readouterr()
+    assert cli.main(['study', 'decide', str(tmp_path)]) == 0
+    shown = capsys.readouterr().out
+    assert 'avoidance gap: ' in shown
+    assert (tmp_path / 'figures' / 'avoidance_gap.png').stat().st_size > 10_000
