@@ -89,7 +89,15 @@ def test_an_interrupted_batch_goes_on_to_the_same_table(write_study, tmp_path, c
     assert all(row in rows for row in part)
 
 
-@pytest.mark.slow
+def test_a_batch_asks_the_cluster_that_is_named(write_study, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr('experiments.pool.CONNECT_S', 0.2)
+    command = ['batch', str(write_study()), '--out', str(tmp_path / 'out')]
+    assert cli.main([*command, '--dask', 'tcp://127.0.0.1:9']) == 1
+    assert '--dask tcp://127.0.0.1:9: no scheduler answers' in capsys.readouterr().err
+
+
+# of each half the checks have a test: ../test_pool.py, and a batch that goes on, above
+@pytest.mark.nightly
 @pytest.mark.timeout(600)
 def test_killed_workers_and_schedulers_of_a_cluster_do_not_change_the_table(write_study, tmp_path):
     study = write_study(
