@@ -9,6 +9,7 @@ import re
 import shutil
 import sys
 from collections import Counter
+from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
@@ -35,11 +36,12 @@ PAGES = [
 # In the first lines of a page: `clone` has copies of the packages, which the page changes; `nodes`
 # starts nodes of ROS; `driven` has the runs of `make demo`, `circle` the circle; `demo` calls it;
 # `quick` runs in `make test`; `launch` has `ros2 launch experiments FILE` and a ROS domain for the
-# whole page. `make check` runs a page that changed, or a command, module or file that it names; it
-# always runs those with `quick`.
+# whole page. `make check` runs a page that changed, or a command, module, scenario or file that it
+# names; it always runs those with `quick`.
 ABOUT = re.compile(r'<!-- page: (.+?) -->')
 COMMAND = re.compile(r'\b(bags|experiments) ([a-z]+(?:-[a-z]+)?)\b')
-MODULE = re.compile(r'^(?:from|import) ([\w.]+)', re.MULTILINE)
+IMPORT = re.compile(r'^ *from ([\w.]+) import (\([^)]*\)|.*)', re.MULTILINE)
+WORD = re.compile(r'[a-z]\w{2,}')
 THIS = 'tests/docs/test_pages.py'
 SHIPPED = ('bags/reference', 'experiments/config', 'paper/picture', 'paper/settings')
 # why a block is not run, and in how many blocks
@@ -88,17 +90,37 @@ def about(page):
 
 
 def names_of(page):
-    """Return patterns of the files that a page names, and of itself."""
-    text = page.read_text()
-    names = {page.relative_to(ROOT).as_posix(), THIS, 'tests/helpers/tutorial_page.py'}
-    if 'demo' in about(page):
-        names.add('Makefile')
+    """Return patterns of the page, of the tools that run it, and of what its blocks name.
+
+    That is every file and folder of a package with the name of a word in them, such as a module, a
+    scenario, a controller or a node, and what the modules of its commands import.
+    """
+    text, about_it = page.read_text(), about(page)
+    names = {page.relative_to(ROOT).as_posix(), THIS, 'tests/helpers/*_page.py'}
+    names |= {f'tests/helpers/{name}.py' for name in ('recorded_runs', 'tyre_files')}
+    names |= {'Makefile', '.ci/install.py', 'requirements*'} if 'demo' in about_it else set()
+    if 'launch' in about_it:
+        names |= {'experiments/launch/*', 'tests/experiments/run/run_launch_file.py'}
+    blocks = '\n'.join(f'{block.value}\n{block.text}' for block in tutorial_page.find_blocks(text))
+    words = set(WORD.findall(blocks)) - {*PACKAGES}
     for program, command in COMMAND.findall(text):
-        names |= {f'{program}/{program}/commands/{command.replace("-", "_")}.py'}
-    for module in MODULE.findall(text):
-        path = module.replace('.', '/')
-        names |= {f'*/{path}.py', f'*/{path}/__init__.py'}
+        name = command.replace('-', '_')
+        words.add(name)
+        module = ROOT / program / program / 'commands' / f'{name}.py'
+        names |= imported_by(module) if module.exists() else set()
+    for package in PACKAGES:
+        names |= {f'{package}/*/{word}{end}' for word in words for end in ('.*', '/*')}
     return names | {f'{name}/*' for name in (*SHIPPED, 'docs/examples') if name in text}
+
+
+def imported_by(module):
+    """Return patterns of the modules of this project that a module imports."""
+    names = set()
+    for path, members in IMPORT.findall(module.read_text()):
+        folder = path.replace('.', '/')
+        names.add(f'*/{folder}.py')
+        names |= {f'*/{folder}/{name}.py' for name in WORD.findall(members)}
+    return names
 
 
 def parameters():
@@ -186,6 +208,28 @@ def test_blocks_that_only_the_reader_can_run_are_counted():
     blocks = [b for page in PAGES for b in tutorial_page.find_blocks(page.read_text())]
     assert Counter(b.value for b in blocks if b.kind == 'not run') == ONLY_THE_READER
     assert sum(b.kind in ('run', 'program', 'run as', 'terminal') for b in blocks) > 60
+
+
+@pytest.mark.parametrize(
+    ('page', 'file', 'reads'),
+    [
+        ('docs/howto/commands.md', 'experiments/experiments/commands/replay_check.py', True),
+        ('docs/howto/commands.md', 'experiments/experiments/replay/check.py', True),
+        ('docs/howto/commands.md', 'bags/bags/report/comparison.py', True),
+        ('docs/howto/commands.md', 'scenario_publisher/scenarios/double_lane_change.yaml', True),
+        ('docs/howto/commands.md', 'mpcc_controller/config/mpcc_no_ca.yaml', True),
+        ('docs/howto/commands.md', 'vehicle_plant/vehicle_plant/plant_node.py', True),
+        ('docs/howto/commands.md', 'vehicle_plant/vehicle_plant/identify.py', True),
+        ('docs/howto/commands.md', 'scenario_publisher/scenarios/circle_50m.yaml', False),
+        ('docs/howto/launch.md', 'experiments/launch/closed_loop.launch.py', True),
+        ('docs/howto/launch.md', 'experiments/experiments/tuning/tune.py', False),
+        ('docs/quickstart.md', 'requirements-studies.txt', True),
+        ('docs/howto/python.md', 'bags/bags/run.py', True),
+        ('docs/howto/python.md', 'mpcc_controller/mpcc_controller/driving/choose.py', False),
+    ],
+)
+def test_a_change_of_what_a_page_uses_selects_it(page, file, reads):
+    assert any(fnmatch(file, pattern) for pattern in names_of(ROOT / page)) == reads
 
 
 FAILS_AT_THE_END = 'sh -c "trap \'exit 3\' INT; echo up; while :; do sleep 0.1; done"'

@@ -6,15 +6,21 @@ import os
 import subprocess
 import sys
 import zipfile
+from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
 from installation import PACKAGES, ROOT, environment, run_checked
 from packaging.utils import parse_wheel_filename
 
+FOLDERS = ('config', 'examples', 'launch', 'resource', 'scenarios', 'scripts', 'viewers')
+# what decides which files are installed, and how; the data themselves; new modules and packages
 MANIFESTS = [
-    *('*/setup.*', '*/package.xml', '*/scripts/*', '*/resource/*', 'requirements*'),
-    *('tests/packaging/*', 'tests/helpers/installation.py', '*/share.py'),
+    *('*/setup.*', '*/package.xml', 'pyproject.toml', 'LICENSE', 'Makefile', '.ci/install.py'),
+    *(f'{package}/{folder}/*' for package in PACKAGES for folder in FOLDERS),
+    *('*/py.typed', '*.c', '*.h', '*.css', '*.html', '*.js'),
+    *('requirements*', '*/__init__.py', '*/share.py', '*/tune.py', '*/cli.py'),
+    *('tests/packaging/*', 'tests/helpers/installation.py'),
 ]
 builds = [
     pytest.mark.slow,
@@ -35,8 +41,7 @@ SHORT = ('straight', '--set', 'plant.stop.x_m=22.0', '--set', 'plant.stop.armed_
 
 def files_to_install(package):
     """Yield the files of a package that it needs where it is installed."""
-    folders = ('config', 'examples', 'launch', 'resource', 'scenarios', 'scripts', 'viewers')
-    for folder in (*folders, package):
+    for folder in (*FOLDERS, package):
         for path in (ROOT / package / folder).rglob('*'):
             is_example = package == 'stage_solver' and folder == 'examples'
             if path.is_file() and '__pycache__' not in path.parts and not is_example:
@@ -78,6 +83,15 @@ def test_pip_installs_every_executable():
         assert importlib.util.find_spec(package)
         for name in names:
             assert os.access(prefix / 'lib' / package / name, os.X_OK), name
+
+
+def test_a_change_of_what_is_installed_beside_modules_selects_the_builds():
+    for package in PACKAGES:
+        for path in files_to_install(package):
+            name = path.relative_to(ROOT).as_posix()
+            is_module = path.suffix == '.py' and name.startswith(f'{package}/{package}/')
+            if not is_module:
+                assert any(fnmatch(name, pattern) for pattern in MANIFESTS), name
 
 
 class TestBuilds:
