@@ -63,9 +63,13 @@ exec {python} {runner} $file "$@"
 RECIPE = ' '.join(('.venv/bin/experiments', *run_arguments(*DEMO)))
 PRELUDE = f"""
 experiments() {{
-    case "$1" in
-    tune) set -- "$@" --trials 1 1 --jobs 1;;
-    library) set -- "$@" --draws 1 --jobs 1;;
+    case "$*" in
+    'tune '*) set -- "$@" --trials 1 1 --jobs 1;;
+    'library '*) set -- "$@" --draws 1 --jobs 1;;
+    'batch experiments/config/'*)
+        sed 's/^runs: .*/runs: 1/' "$2" > one_run.yaml
+        shift 2
+        set -- batch one_run.yaml "$@";;
     esac
     env -u ROS_DOMAIN_ID experiments "$@"
 }}
