@@ -99,8 +99,13 @@ def distances(drives: pd.DataFrame, rules: Mapping[str, Any]) -> pd.Series:
 
 
 def marginals(drives: pd.DataFrame, rules: Mapping[str, Any]) -> list[Marginal]:
-    """Return every parameter before and after, those that differ most first."""
+    """Return every parameter before and after, those that differ most first.
+
+    None where no MPCC of the draws shows its part of the picture.
+    """
     nearest = distances(drives, rules).index[: rules['nearest']]
+    if nearest.empty:
+        return []
     rows = []
     for arm in ARMS:
         own = drives[drives['arm'] == arm].set_index('task')

@@ -21,7 +21,8 @@ TEXT = 'decided.txt'
 def analyse(plan: Mapping[str, Any], tables: Mapping[str, pd.DataFrame]) -> Results:
     """Return the estimates and verdicts of the replicates in the table `drives`."""
     drives = tables['drives']
-    judged = drives[drives['judged']]
+    # drives of searches have no values of their tasks
+    judged = drives[drives['judged']].infer_objects()
     is_factorial = judged['arm'].str.startswith(FACTORIAL)
     rules = verdicts.read_rules(plan)
     return analysis.analyse(judged[~is_factorial], judged[is_factorial], rules)
