@@ -1,4 +1,4 @@
-# make demo      set up .venv on first use, drive the double lane change, compare, draw
+# make demo      set up .venv on first use, drive what the paper's figures show and an emergency, compare
 # make test      what a change is to pass: all tests that need no DDS, a smoke test of the nodes
 # make check     what the continuous integration runs: lint, site, tests, of pages those that changed
 # make budget    lines, files and megabytes: are they within .ci/budget.txt?
@@ -102,7 +102,7 @@ notebooks: setup $(VENV)/.docs
 	$(BIN)/python docs/notebooks/execute.py
 
 demo: setup
-	@$(BIN)/experiments run double_lane_change --controller mpcc --controller mpcc_no_ca --controller frenet
+	@$(BIN)/experiments demo
 
 # three workers for two cores: tests of nodes wait half of their time; loadscope keeps the tests of a
 # module, which share what is costly, in one worker, in the order of tests/conftest.py

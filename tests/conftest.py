@@ -13,7 +13,7 @@ import hypothesis
 import pytest
 import straight_drive
 import wall_clock as on_the_wall_clock
-from recorded_runs import DEMO, load_runs, run_experiment
+from recorded_runs import DRIVEN, load_runs, run_experiment
 from session_cache import build_once
 
 from experiments.run.domain import reserved
@@ -142,9 +142,9 @@ def make_drive():
 def recorded_runs(dds, tmp_path_factory):
     """Return the double lane change, driven over Fast DDS by every controller of the paper."""
     folder = build_once(
-        tmp_path_factory, 'recorded_runs', lambda folder: run_experiment(folder, *DEMO)
+        tmp_path_factory, 'recorded_runs', lambda folder: run_experiment(folder, *DRIVEN)
     )
-    return load_runs(folder, DEMO[0])
+    return load_runs(folder, DRIVEN[0])
 
 
 @pytest.fixture(scope='session')

@@ -91,18 +91,19 @@ def cell(metric: Metric, value: Any, run: Mapping[str, Any]) -> Cell:
     return Cell(f'{value:.{metric.decimals}f}')
 
 
-def build_table(comparison: Mapping[str, Any]) -> Table:
+def build_table(comparison: Mapping[str, Any], brief: bool = False) -> Table:
     """Return the table of a comparison (the dictionary of comparison.json).
 
-    A column per run with every metric; of more than MOST_COLUMNS runs a row each, with OF_MANY.
+    A column per run with every metric; of more than MOST_COLUMNS runs, or `brief`, a row each, with
+    OF_MANY.
     """
     runs, title = comparison['runs'], f'Scenario {comparison["scenario"]}'
     # without lines, so that three controllers fit into 80 characters
     look = {'box': box.SIMPLE_HEAD, 'show_edge': False, 'pad_edge': False, 'padding': (0, 1, 0, 0)}
     table = Table(title=title, title_justify='left', **look)
     marks = {name: ', bag cut' if name in comparison.get('damage', {}) else '' for name in runs}
-    if len(runs) > MOST_COLUMNS:
-        table.title += f' (every metric: {CSV_FILE}, report)'
+    if brief or len(runs) > MOST_COLUMNS:
+        table.title = None if brief else f'{title} (every metric: {CSV_FILE}, report)'
         table.add_column('run', no_wrap=True)
         chosen = [metric for metric in table_metrics() if metric.name in OF_MANY]
         for metric in chosen:

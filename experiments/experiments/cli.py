@@ -7,6 +7,7 @@ from bags import command_line
 
 COMMANDS = (
     'run',
+    'demo',
     'parameters',
     'scenario',
     'batch',

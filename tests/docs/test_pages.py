@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 import tutorial_page
 from installation import PACKAGES, ROOT
-from recorded_runs import DEMO, PRINTED, RUNS, run_arguments
+from recorded_runs import RUNS
 from tyre_files import property_file
 
 from msgs_yaml import share
@@ -34,7 +34,8 @@ PAGES = [
     *(p for p in sorted(DOCS.glob('howto/*.md')) if p.name not in ELSEWHERE),
 ]
 # In the first lines of a page: `clone` has copies of the packages, which the page changes; `nodes`
-# starts nodes of ROS; `driven` has the runs of `make demo`, `circle` the circle; `demo` calls it;
+# starts nodes of ROS; `driven` has the runs of the double lane change, `circle` the circle;
+# `demo` calls `make demo`, which drives there;
 # `quick` runs in `make test`; `launch` has `ros2 launch experiments FILE` and a ROS domain for the
 # whole page. `make check` runs a page that changed, or a command, module, scenario or file that it
 # names; it always runs those with `quick`.
@@ -58,11 +59,10 @@ test "$1 $2" = 'launch experiments' && file={launch_files}/$3 && shift 3 &&
 exec {python} {runner} $file "$@"
 """
 # what pip does after a change, PYTHONPATH does here; a run takes a free domain, as in the terminal
-# of a reader, where that of the other terminals is not set; what `make demo` drives and prints, the
-# command in its recipe has driven and printed for all tests; what takes long is done for less
-RECIPE = ' '.join(('.venv/bin/experiments', *run_arguments(*DEMO)))
-PRELUDE = f"""
-experiments() {{
+# of a reader, where that of the other terminals is not set; `make demo` runs its recipe on the
+# pages that are about it; what takes long is done for less
+PRELUDE = """
+experiments() {
     case "$*" in
     'tune '*) set -- "$@" --trials 1 1 --jobs 1;;
     'library '*) set -- "$@" --draws 1 --jobs 1;;
@@ -72,19 +72,17 @@ experiments() {{
         set -- batch one_run.yaml "$@";;
     esac
     env -u ROS_DOMAIN_ID experiments "$@"
-}}
-bags() {{
+}
+bags() {
     test "$1" != play || set -- "$@" --rate 20
     command bags "$@"
-}}
-make() {{
+}
+make() {
     command make --dry-run "$@" > dry-run.txt
-    test "$*" = demo || return 0
-    grep -xF '{RECIPE}' dry-run.txt > /dev/null
-    mkdir -p {RUNS}
-    cp -r "$DRIVEN/{RUNS}" bags
-    cat "$DRIVEN/{PRINTED}"
-}}
+    test "${DEMO-} $*" = 'yes demo' || return 0
+    grep -x '.venv/bin/experiments demo' dry-run.txt > recipe.txt
+    env -u ROS_DOMAIN_ID bash -e recipe.txt
+}
 """
 
 
@@ -204,7 +202,7 @@ def test_a_page_does_what_it_says(page, home, request):
             runs = request.getfixturevalue(fixture)
             shutil.copytree(runs.out / runs.scenario, home / RUNS / runs.scenario)
     if 'demo' in words:
-        environment['DRIVEN'] = str(request.getfixturevalue('recorded_runs').folder)
+        environment['DEMO'] = 'yes'
     read(page.read_text().replace('/tmp/', f'{home}/tmp/'), home, environment)
 
 

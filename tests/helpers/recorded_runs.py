@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 EXPERIMENTS = Path(sys.prefix, 'bin/experiments')
-DEMO = ('double_lane_change', 'mpcc', 'mpcc_no_ca', 'frenet')  # what `make demo` drives
+DRIVEN = ('double_lane_change', 'mpcc', 'mpcc_no_ca', 'frenet')
 # what tests/ros/test_realtime.py drives
 ON_THE_WALL_CLOCK = ('run', 'double_lane_change', '--mode', 'realtime')
 SECONDS = 240  # of wall time for one call; a run takes a few

@@ -127,24 +127,24 @@ def compare_runs(
     return Comparison(values, file, table_file, drawn, report, replaced)
 
 
-def show_comparison(comparison: Comparison, console: Console) -> None:
-    """Print the table and the paths of the files."""
+def show_comparison(comparison: Comparison, console: Console, brief: bool = False) -> None:
+    """Print the table and the paths of the files; `brief`: few metrics, verdicts, the report."""
     for damage in comparison.values.get('damage', {}).values():
         print_text(console, damage, 'red')
-    console.print(metrics_table.build_table(comparison.values))
+    console.print(metrics_table.build_table(comparison.values, brief))
     for name, run in comparison.values['runs'].items():
         print_text(console, f'{name}: {run["verdict"]}')
-        if run['stopped_early']:
+        if run['stopped_early'] and not brief:
             counts = f'{run["stopped_early"]} of {run["ticks"]} ticks'
             print_text(console, f'{name}: solver stopped early in {counts}')
     for name, invalid in comparison.values.get(KEY, {}).items():
         for line in describe_invalid({KEY: invalid}):
             print_text(console, f'{name}: {line}', 'red')
-    if comparison.replaced:
+    if comparison.replaced and not brief:
         names = comparison.replaced
         listed = ', '.join(names) if len(names) <= style.MANY else f'{len(names)} runs'
         what = f'replaces the comparison that was there, of {listed}'
         print_text(console, f'{what}; --out DIR keeps both')
     figure = next(path for path in comparison.figures if path.suffix == '.png')
     places = {'numbers': comparison.file, 'as CSV': comparison.sheet, 'figures': figure}
-    print_paths(console, {**places, 'report': comparison.report})
+    print_paths(console, {**({} if brief else places), 'report': comparison.report})

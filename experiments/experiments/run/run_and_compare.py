@@ -161,8 +161,13 @@ def _show_disagreement(outcomes, runs, console):
             )
 
 
-def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunOutcome]]:
-    """Run the controllers as `run`; return the folder of the scenario and outcomes."""
+def run_controllers(
+    request: Request, console: Console, compiles: bool = True
+) -> tuple[Path, list[RunOutcome]]:
+    """Run the controllers as `run`; return the folder of the scenario and outcomes.
+
+    `compiles` is whether to compile ahead: not where the caller does it.
+    """
     given = _read(request)
     controllers = node_config.find_controllers(given.controllers, given.labels, programs=True)
     overrides = given.settings
@@ -171,7 +176,7 @@ def run_controllers(request: Request, console: Console) -> tuple[Path, list[RunO
     folder = request.out / facts.name
     plant = node_config.find_plant(request.plant) if request.plant else ()
     # the checks compile something. On the wall clock the nodes need all cores
-    compiles_ahead = request.mode == 'lockstep' and compile_ahead.is_worth_while()
+    compiles_ahead = compiles and request.mode == 'lockstep' and compile_ahead.is_worth_while()
     checked = {}
     for controller in controllers:
         nodes = node_config.build_nodes(
