@@ -74,9 +74,10 @@ def write_all(
             'limit_ratio': draw_limits(results.limits, span),
             'sensitivity': draw_losses(results.losses),
             'win_balance': draw_balances(results.balances, rules),
-            'mechanism': draw_effects(results.effects),
             'search_cost': draw_searches(trials),
         }
+        if results.effects:  # a study may have no factorial
+            drawn['mechanism'] = draw_effects(results.effects)
         folder.mkdir(parents=True, exist_ok=True)
         return [
             path

@@ -7,4 +7,7 @@ open_road          what appears, comes towards the car or crosses on a straight 
 lane_course        slaloms, gates, lane changes: where the room is narrow
 bends              an obstacle in a bend
 slippery           another friction under one side of the car or both
+lane_change_task   tasks of the study of tuned controllers
+plant_variant      their plants, and the cars identified on them
+demand             the lateral acceleration that a course demands
 """
