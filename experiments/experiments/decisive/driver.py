@@ -8,7 +8,7 @@ from experiments import drive_row
 from experiments.decisive import outcome
 from experiments.drive_records import DriveRecords
 from experiments.drive_row import Row
-from experiments.pool import Pool
+from experiments.pool import Pool, WorkerError
 from experiments.progress import CountProgress
 
 LIMIT_S = 120.0  # of wall time for a drive
@@ -22,7 +22,11 @@ class Driver:
         self.lines: list[dict[str, Any]] = []
 
     def drive(self, rows: Sequence[Row], **labels: Any) -> list[Mapping[str, Any]]:
-        """Return the outcome of each row; that of a drive without a result is a failure."""
+        """Return the outcome of each row.
+
+        That of a drive that takes too long or ends its process is a failure. Raises whatever else a
+        drive raises, as BagError for a file that was changed meanwhile.
+        """
         keys = [drive_row.key(row) for row in rows]
         missing = {key: row for key, row in zip(keys, rows) if key not in self.records}
         errors: dict[str, str] = {}
@@ -30,6 +34,8 @@ class Driver:
         ended = self.pool.finish_each(drive_row.drive_unchanged, tasks, LIMIT_S)
         for done, finished in enumerate(ended, start=len(rows) - len(missing) + 1):
             key = list(missing)[finished.number]
+            if finished.error and not isinstance(finished.error, WorkerError):
+                raise finished.error
             if finished.error:
                 errors[key] = ' '.join(str(finished.error).split())
             else:

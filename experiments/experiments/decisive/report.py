@@ -22,7 +22,8 @@ def analyse(plan: Mapping[str, Any], tables: Mapping[str, pd.DataFrame]) -> Resu
     """Return the estimates and verdicts of the replicates in the table `drives`."""
     drives = tables['drives']
     # drives of searches have no values of their tasks
-    judged = drives[drives['judged']].infer_objects().astype({'stratum': int})
+    whole = {'stratum': int, 'latency_ms': int}
+    judged = drives[drives['judged']].infer_objects().astype(whole)
     is_factorial = judged['arm'].str.startswith(FACTORIAL)
     rules = verdicts.read_rules(plan)
     return analysis.analyse(judged[~is_factorial], judged[is_factorial], rules)

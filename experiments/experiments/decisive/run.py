@@ -9,6 +9,8 @@ drives.parquet   every drive: those that judge (`judged`), and those of the sear
 picture.parquet  the draws from which the nearest to the paper's picture are taken
 """
 
+import json
+import os
 import time
 from collections.abc import Mapping
 from functools import partial
@@ -18,13 +20,21 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import yaml
 
+from bags.errors import BagError
+from experiments import code_version
 from experiments.decisive import arms, outcome, picture, report, search
 from experiments.decisive.driver import Driver
 from experiments.drive_records import DriveRecords
 from experiments.pool import Pool
 from experiments.progress import CountProgress
+from node_runtime import provenance
 
+# what decides the rows in a folder, and the plan as it was read
+ORIGIN, PLAN = 'origin.json', 'study.yaml'
+ROOTS = (*code_version.ROOTS, __name__)
+PART = 'replicate_{:02}'
 TABLES = ('tuned', 'trials', 'drives')
 Plan = Mapping[str, Any]
 
@@ -34,15 +44,17 @@ def run(
 ) -> None:
     """Drive replicates until the rule of the plan stops them, or a number; then the picture.
 
-    Writes the tables of all, and raises BagError while another program drives them.
+    Writes the tables of all. Raises BagError while another program drives them, and for a folder
+    with rows of another plan or another version of the code.
     """
+    _check_origin(plan, folder)
     number, is_over = 0, False
     while not is_over:
         number += 1
-        part = folder / f'replicate_{number:02}'
+        part = folder / PART.format(number)
         if not (part / 'drives.parquet').is_file():
             replicate(plan, number, part, pool, progress)
-        tables = {name: _collect(folder, name) for name in TABLES}
+        tables = {name: _collect(folder, name, number) for name in TABLES}
         is_over = number >= (replicates or plan['stop']['cap'])
         if not replicates and number >= plan['stop']['from']:
             is_over = is_over or report.analyse(plan, tables).stop.startswith('stop')
@@ -51,7 +63,7 @@ def run(
         picture.drive(plan, driver)
     tables['picture'] = pd.DataFrame(driver.lines)
     for name, table in tables.items():
-        table.to_parquet(folder / f'{name}.parquet', compression='zstd')
+        _write(table, folder / f'{name}.parquet')
 
 
 def replicate(plan: Plan, number: int, folder: Path, pool: Pool, progress: CountProgress) -> None:
@@ -71,7 +83,7 @@ def replicate(plan: Plan, number: int, folder: Path, pool: Pool, progress: Count
     }
     for name, frame in frames.items():
         frame.insert(0, 'replicate', number)
-        frame.to_parquet(folder / f'{name}.parquet', compression='zstd')
+        _write(frame, folder / f'{name}.parquet')
     count = len(driver.lines)
     progress.print_line(
         f'replicate {number}: {count:,} drives in {time.monotonic() - begin_s:.0f} s, cost '
@@ -155,6 +167,32 @@ def _as_frame(trials):
     )
 
 
-def _collect(folder, name):
-    files = sorted(folder.glob(f'replicate_*/{name}.parquet'))
+def _collect(folder, name, count):
+    files = [folder / PART.format(number) / f'{name}.parquet' for number in range(1, count + 1)]
     return pd.concat([pd.read_parquet(file) for file in files], ignore_index=True)
+
+
+def _check_origin(plan, folder):
+    """Keep what decides the rows in a folder, or compare it with what is kept."""
+    file = folder / ORIGIN
+    own = {'plan': provenance.digest(yaml.safe_dump(plan)), **code_version.describe(ROOTS)}
+    if file.is_file():
+        kept = json.loads(file.read_text())
+        others = [name for name in own if kept.get(name) != own[name]]
+        if others:
+            raise BagError(
+                f'{file}: {", ".join(others)}: differs from that of the rows in this folder, which '
+                'must not be mixed with others; give another --out'
+            )
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps(own, indent=2) + '\n')
+    if not (folder / PLAN).exists():
+        (folder / PLAN).write_text(yaml.safe_dump(plan, sort_keys=False))
+
+
+def _write(frame, path):
+    """Write a table, whole or not at all."""
+    part = path.with_suffix('.part')
+    frame.to_parquet(part, compression='zstd')
+    os.replace(part, path)

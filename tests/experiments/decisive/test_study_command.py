@@ -16,25 +16,27 @@ PLAN = 'paper/study/study.yaml'
 def plan():
     """Return the plan with so few drives that a test may wait for them."""
     values = yaml.safe_load((ROOT / PLAN).read_text())
-    values |= {'judged_tasks': 3, 'factorial_tasks': 0, 'derived': {}}
+    values |= {'judged_tasks': 2, 'factorial_tasks': 0, 'derived': {}}
     values['tuned'] = {name: values['tuned'][name] for name in ('mpcc', 'frenet')}
     values['starts'] |= {'tasks': 1, 'count': 1}
     values['search'] |= {
-        'first': {'points': 4, 'tasks': 1},
-        'evolution': {'from_best': 2, 'sigma': 0.1, 'generations': 1, 'size': 4, 'tasks': 1},
-        'last': {'points': 2, 'tasks': 2},
+        'first': {'points': 2, 'tasks': 1},
+        'evolution': {'from_best': 1, 'sigma': 0.1, 'generations': 1, 'size': 4, 'tasks': 1},
+        'last': {'points': 2, 'tasks': 1},
     }
-    values['picture'] |= {'drives': 4, 'batch': 4, 'nearest': 1}
+    values['picture'] |= {'drives': 2, 'batch': 2, 'nearest': 1}
     return values
 
 
 def test_a_study_is_driven_goes_on_and_is_decided(plan, tmp_path, capsys):
-    (tmp_path / 'study.yaml').write_text(yaml.safe_dump(plan))
-    run = ['study', 'run', str(tmp_path), '--replicates', '2', '--jobs', '1']
+    plans, out = tmp_path / 'plans', tmp_path / 'out'
+    plans.mkdir()
+    (plans / 'study.yaml').write_text(yaml.safe_dump(plan))
+    run = ['study', 'run', str(plans), '--out', str(out), '--replicates', '2', '--jobs', '1']
     assert cli.main(run) == 0
-    drives = pd.read_parquet(tmp_path / 'drives.parquet')
+    drives = pd.read_parquet(out / 'drives.parquet')
     searched = drives[~drives['judged']].groupby(['replicate', 'arm']).size()
-    assert set(searched) == {4 + 4 + 2 * 2}
+    assert set(searched) == {2 + 4 + 2}
     judged = drives[drives['judged'] & drives['start'].eq(0)]
     # both arms had the same tasks, which are those of no search
     tasks = judged.groupby(['replicate', 'arm'])['S'].apply(tuple).unstack('arm')
@@ -43,15 +45,20 @@ def test_a_study_is_driven_goes_on_and_is_decided(plan, tmp_path, capsys):
     assert (drives['error'] == '').all()
 
     # nothing is driven again
-    before = (tmp_path / 'drives.parquet').read_bytes()
-    records = sorted(tmp_path.glob('*/drives.jsonl'))
+    before = (out / 'drives.parquet').read_bytes()
+    records = sorted(out.glob('*/drives.jsonl'))
     sizes = [file.stat().st_size for file in records]
     assert cli.main(run) == 0
-    assert (tmp_path / 'drives.parquet').read_bytes() == before
+    assert (out / 'drives.parquet').read_bytes() == before
     assert [file.stat().st_size for file in records] == sizes
 
     capsys.readouterr()
-    assert cli.main(['study', 'decide', str(tmp_path)]) == 0
+    assert cli.main(['study', 'decide', str(out)]) == 0
     shown = capsys.readouterr().out
     assert 'avoidance gap: ' in shown
-    assert (tmp_path / 'figures' / 'avoidance_gap.png').stat().st_size > 10_000
+    assert (out / 'figures' / 'avoidance_gap.png').stat().st_size > 10_000
+
+    # rows of another plan are not mixed with these
+    (plans / 'study.yaml').write_text(yaml.safe_dump(plan | {'judged_tasks': 3}))
+    assert cli.main(run) == 1
+    assert 'origin.json: plan: differs from that of the rows' in capsys.readouterr().err
