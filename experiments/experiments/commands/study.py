@@ -18,7 +18,6 @@ HELP = 'the study of tuned controllers: drive it, decide it; the shares of the f
 EXAMPLE = 'experiments study decide paper/study'
 KEPT = {'run': Path('paper', 'study'), 'decide': Path('paper', 'study')}
 KEPT['recompute'] = Path('paper', 'settings')
-PLAN = 'study.yaml'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,6 +45,9 @@ def run(options: argparse.Namespace) -> int:
 
 def _plan(folder):
     import yaml
+
+    # imported late: controllers take a second to load
+    from experiments.decisive.run import PLAN
 
     try:
         return yaml.safe_load((folder / PLAN).read_text(encoding='utf-8'))

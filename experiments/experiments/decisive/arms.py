@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any
 
+from experiments.decisive.search import Weights
 from experiments.drive_row import Offset, Pairs, Row
 from experiments.families import draw
 from experiments.families.lane_change_task import NAME
 
 FACTORIAL = 'factorial:'
 HEADING = 'tolerances.heading_rad'
-Weights = Mapping[str, float]  # by parameter of a controller
 
 
 def tuned_parameters(plan: Mapping[str, Any], arm: str) -> list[str]:

@@ -135,8 +135,9 @@ def _judge(plan, number, tuned, driver):
         # the same offsets for every arm
         offsets = (0.0 if not start else _offset(plan, seed, index, start) for index in indices)
         return [
-            arms.row(plan, arm, chosen[arm], seed, index, speed_kph)._replace(
-                labels=(('arm', arm), ('task', index), ('start', start), *tasks[index].items())
+            arms.row(
+                *(plan, arm, chosen[arm], seed, index, speed_kph),
+                labels=(('start', start), *tasks[index].items()),
             )
             for index, speed_kph in zip(indices, offsets)
         ]

@@ -13,7 +13,7 @@ from cmaes import CMA
 from scipy.stats import qmc
 
 DIGITS = 4  # significant, of weights
-Weights = Mapping[str, float]
+Weights = Mapping[str, float]  # by parameter of a controller
 # costs (points, tasks) of weights in tasks, the first and the last but one
 Drive = Callable[[Sequence[Weights], int, int], np.ndarray]
 
