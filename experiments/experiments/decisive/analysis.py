@@ -7,8 +7,8 @@ judged     a row per judged drive: replicate, arm, task, start (0; others measur
            starts and decide nothing), S, stratum, latency_ms, compensated, friction_error, avoided
            (False also of a drive without a result), and the columns of `BETTER`
 factorial  the same of arms factorial:0000 to 1111, on tasks which both compared arms avoid
-trials     every point of the searches: replicate, arm, stage, drives (of the search, up to then)
-           and cost
+trials     every point of the searches: replicate, arm, round, drives (of the search, up to then),
+           cost, is_recommended
 
 Shares, their differences and margins are fractions of 1; 0.01 is a point.
 """
@@ -36,18 +36,20 @@ COMPARED = ('mpcc', 'frenet')
 # compared arms; the first pair is that of the verdicts
 PAIRS = (
     COMPARED,
-    ('mpcc_heading', 'frenet'),
+    ('mpcc_heading', COMPARED[1]),
     ('mpcc', 'frenet_matched'),
     ('mpcc', 'frenet_lineage'),
 )
+HEADING_PAIR = ' - '.join(PAIRS[1])
 # quantities of a drive, +1 where more is better. As in the paper to brake earlier is better
 BETTER = {'peak_sideslip_deg': -1, 'kept_m': 1, 'min_speed_mps': 1, 'brake_onset_m': -1}
 FACTORS = ('frame', 'lag', 'heading', 'shape')  # digits of a factorial arm, 1 as the baseline
 LATENCIES = ('0 ms', '25 ms', '50 ms', 'compensated')
 # what a regression of avoidance is on, beside the stratum of S
 HIGH, LOW, LATENCY = 'friction believed 5 % too high', '5 % too low', '25 ms of latency'
-KNOWN_LATENCY = 'compensated latency, whole'
+KNOWN_LATENCY = '50 ms, in its model with the servos'
 POINTS = 'points'
+LIMIT_SHARE = 0.9  # of the tasks, avoided at the limit demand S90; tuned arms avoid half of any S
 
 
 class Row(NamedTuple):
@@ -68,9 +70,9 @@ class Results(NamedTuple):
     stop: str
     shares: Sequence[Row]  # avoided, by arm and stratum
     gaps: Sequence[Row]  # by pair; of the compared ones by stratum and by latency
-    limits: Sequence[Row]  # S50 by arm, and its ratio, by latency
+    limits: Sequence[Row]  # S90 by arm, and its ratio, by latency
     losses: Sequence[Row]  # avoidance lost, by arm and their difference
-    balances: Sequence[Row]  # better, worse and their difference, by pair and quantity
+    balances: Sequence[Row]  # better, worse, their difference and its parts, by pair and quantity
     effects: Sequence[Row]  # of factors and pairs of factors, by quantity
     unsteady: Sequence[Row]  # share of tasks in which starts disagree, by arm
 
@@ -120,7 +122,7 @@ def pairwise(first: pd.DataFrame, second: pd.DataFrame, what: str, rules: Rules)
 
 
 def limit_demand(S: np.ndarray, avoided: np.ndarray, span: tuple[float, float]) -> float:
-    """Return S50, where half is avoided: of a logistic curve in log S, fitted by likelihood.
+    """Return S90, where LIMIT_SHARE is avoided: of a logistic curve in log S, fitted by likelihood.
 
     NaN outside the driven range `span`, and where avoidance does not fall with S.
     """
@@ -140,7 +142,7 @@ def limit_demand(S: np.ndarray, avoided: np.ndarray, span: tuple[float, float]) 
     level, slope = fit.x
     if slope >= 0.0 or not fit.success:
         return math.nan
-    logarithm = centre - level / slope
+    logarithm = centre + (math.log(LIMIT_SHARE / (1.0 - LIMIT_SHARE)) - level) / slope
     return math.exp(logarithm) if np.log(span[0]) <= logarithm <= np.log(span[1]) else math.nan
 
 
@@ -178,11 +180,11 @@ def _gaps(judged, pairs):
 
 
 def _limits(drives: pd.DataFrame) -> Iterator[Row]:
-    """Yield S50 by arm, and its ratio: jackknife over replicates, as a replicate has few tasks."""
+    """Yield S90 by arm, and its ratio: jackknife over replicates, as a replicate has few tasks."""
     span = (drives['S'].min(), drives['S'].max())
 
     def logarithms(part):
-        """Return log S50 of both arms and the difference of them."""
+        """Return log S90 of both arms and the difference of them."""
         arms = (part[part['arm'] == arm] for arm in COMPARED)
         values = [
             limit_demand(*(arm[k].to_numpy() for k in ('S', 'avoided')), span) for arm in arms
@@ -197,11 +199,11 @@ def _limits(drives: pd.DataFrame) -> Iterator[Row]:
         for name, value in zip((*COMPARED, ' / '.join(COMPARED)), _jackknife(part, logarithms)):
             note = ''
             if math.isnan(value.mean):
-                note = f'S50 not within {span[0]:.2f} to {span[1]:.2f}'
+                note = f'S90 not within {span[0]:.2f} to {span[1]:.2f}'
             elif math.isnan(value.low) and part['replicate'].nunique() > 1:
-                note = 'no interval: without some replicate S50 leaves the range'
+                note = 'no interval: without some replicate S90 leaves the range'
             value = value._replace(**{k: math.exp(getattr(value, k)) for k in value._fields[:3]})
-            yield Row(name, 'ratio' if '/' in name else 'S50', group, value, '', note)
+            yield Row(name, 'ratio' if '/' in name else 'S90', group, value, '', note)
 
 
 def _jackknife(rows: pd.DataFrame, statistic: Callable) -> list[Estimate]:
@@ -211,7 +213,7 @@ def _jackknife(rows: pd.DataFrame, statistic: Callable) -> list[Estimate]:
         return [Estimate(value, math.nan, math.nan, 1) for value in whole]
     without = np.array([statistic(rows[rows['replicate'] != name]) for name in names])
     estimates = [estimate(pseudo) for pseudo in (len(names) * whole - (len(names) - 1) * without).T]
-    # of replicates without which S50 leaves the range nothing may be left out: no interval
+    # of replicates without which S90 leaves the range nothing may be left out: no interval
     known = np.isfinite(without).all(axis=0) & np.isfinite(whole)
     return [
         interval._replace(mean=value) if all_known else Estimate(value, math.nan, math.nan)
@@ -251,13 +253,20 @@ def _balances(judged, pair, rules):
         silent = first['avoided'] & second['avoided'] & (first[what].isna() | second[what].isna())
         if silent.any():
             note = f'{silent.sum()} of {len(silent)} tasks tie because an arm has no value'
-        shares = (('balance', result), ('better', result == 1), ('worse', result == -1))
+        gap = _gap(first, second)
+        shares = (
+            *(('balance', result), ('better', result == 1), ('worse', result == -1)),
+            # parts of the balance: one arm avoids, or both do
+            *(('by avoidance', gap), ('where both avoid', result - gap)),
+        )
         for group, values in shares:
             yield Row(' - '.join(pair), what, group, estimate(_per_replicate(values)), note=note)
 
 
 def _effects(factorial: pd.DataFrame) -> Iterator[Row]:
     """Yield main effects and interactions of two factors, within the tasks that have all values.
+
+    Not of avoidance: the tasks were chosen as those that the MPCC avoids.
 
     An effect is the mean of the eight drives with the factor as the baseline has it less that of
     the other eight; an interaction is half of what the effect of a factor gains by the other
@@ -273,7 +282,7 @@ def _effects(factorial: pd.DataFrame) -> Iterator[Row]:
     drives = factorial.assign(
         **{what: factorial[what].where(factorial['avoided']) for what in BETTER}
     )
-    for what in ('avoided', *BETTER):
+    for what in BETTER:
         table = drives.pivot(index=['replicate', 'task'], columns='arm', values=what)[arms]
         tasks, table = len(table), table.astype(float).dropna()
         effects = pd.DataFrame(table.to_numpy() @ contrasts.T, index=table.index)
@@ -281,10 +290,9 @@ def _effects(factorial: pd.DataFrame) -> Iterator[Row]:
             effects = effects.groupby(level='replicate').mean()
         for numbers, values in zip(wanted, effects.to_numpy().T):
             name = ' x '.join(FACTORS[k] for k in numbers)
-            unit = POINTS if what == 'avoided' else what.rpartition('_')[2]
             yield Row(
                 *(name, what, 'interaction' if len(numbers) == 2 else 'effect'),
-                *(estimate(values), unit, f'{len(table)} of {tasks} tasks'),
+                *(estimate(values), what.rpartition('_')[2], f'{len(table)} of {tasks} tasks'),
             )
 
 
@@ -299,7 +307,7 @@ def _unsteady(judged):
 
 def to_text(results: Results) -> str:
     """Return everything as lines for a terminal; points as such, other units as they are."""
-    lines = [f'{results.stop}', '']
+    lines = [f'{results.stop}', '', 'MPCC as in the paper, without the heading in its cost:']
     for item in results.verdicts:
         more = f'; {item.more} more replicates would decide' if item.more else ''
         lines.append(
@@ -307,6 +315,12 @@ def to_text(results: Results) -> str:
             f'{100 * item.confidence:g} % over {item.estimate.units} replicates, which scatter by '
             f'{100 * item.estimate.scatter:.1f}; margin {100 * item.margin:g})'
         )
+    heading = [row for row in results.gaps if row.name == HEADING_PAIR and row.group == 'all']
+    lines += [
+        f'with the heading in its cost, too: MPCC less baseline {_interval(row.estimate, POINTS)}, '
+        'an estimate without a verdict'
+        for row in heading
+    ]
     for name, rows in zip(results._fields[2:], results[2:]):
         lines += ['', name]
         for row in rows:

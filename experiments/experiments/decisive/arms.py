@@ -5,6 +5,7 @@ All have the car file, the believed friction and the safety distances of their t
 
 from collections.abc import Mapping, Sequence
 from itertools import product
+from random import Random
 from typing import Any
 
 from experiments.decisive.search import Weights
@@ -42,10 +43,15 @@ def row(
     chosen: Mapping[str, Any],
     seed: int,
     index: int,
-    speed_kph: float = 0.0,
+    start: int = 0,
     labels: Pairs = (),
 ) -> Row:
-    """Return the drive of an arm with chosen parameters in a task, with an offset of its speed."""
+    """Return the drive of an arm with chosen parameters in a task.
+
+    Each start has an offset of the speed of its own, which is the same for every arm.
+    """
+    most = plan['starts']['speed_kph']
+    speed_kph = Random(f'{seed} {index} {start}').uniform(-most, most)
     if arm.startswith(FACTORIAL):
         controller = 'mpcc'
     else:
@@ -58,7 +64,7 @@ def row(
         seed,
         offset=Offset(speed_kph=speed_kph),
         knows_limit=False,
-        labels=(('arm', arm), ('task', index), *labels),
+        labels=(('arm', arm), ('task', index), ('start', start), *labels),
     )
 
 

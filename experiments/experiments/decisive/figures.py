@@ -19,11 +19,12 @@ from experiments.decisive.analysis import (
     KNOWN_LATENCY,
     LATENCIES,
     LATENCY,
+    LIMIT_SHARE,
     LOW,
-    POINTS,
     Results,
     Row,
 )
+from experiments.decisive.picture import Marginal
 from experiments.decisive.verdicts import Rules
 
 WIDTH_INCH = 6.0  # 900 pixels
@@ -41,8 +42,7 @@ QUANTITIES = {
     'peak_sideslip_deg': 'peak sideslip',
     'kept_m': 'distance kept',
     'min_speed_mps': 'least speed',
-    'brake_onset_m': 'start of hard braking',
-    'avoided': 'tasks avoided',
+    'brake_onset_m': 'start of braking',
 }
 WORDS = {  # what is better
     'peak_sideslip_deg': 'smaller',
@@ -50,7 +50,7 @@ WORDS = {  # what is better
     'min_speed_mps': 'higher',
     'brake_onset_m': 'earlier',
 }
-UNITS = {'deg': 'deg', 'm': 'm', 'mps': 'm/s', POINTS: 'points'}
+UNITS = {'deg': 'deg', 'm': 'm', 'mps': 'm/s'}
 FACTOR_LABELS = {
     'frame': 'path frame',
     'lag': 'no lag cost',
@@ -59,14 +59,21 @@ FACTOR_LABELS = {
 }
 MARKERS = ('o', 's', 'D', '^', 'v', 'P', 'X')
 AVOIDED = 'tasks avoided [%]'
+MOST_SHOWN = 12  # parameters of the picture
 
 
 def write_all(
-    results: Results, trials: pd.DataFrame, rules: Rules, span: tuple[float, float], folder: Path
+    results: Results,
+    trials: pd.DataFrame,
+    marginals: Sequence[Marginal],
+    rules: Rules,
+    span: tuple[float, float],
+    folder: Path,
 ) -> list[Path]:
     """Write every figure into a folder; return the paths of PNG and SVG.
 
-    `trials` are the points of the searches, `span` is the range of S of the tasks.
+    `trials` are the points of the searches, `marginals` the parameters of the picture, `span` is
+    the range of S of the tasks.
     """
     with mpl.rc_context(style.RC):
         drawn = {
@@ -78,6 +85,8 @@ def write_all(
         }
         if results.effects:  # a study may have no factorial
             drawn['mechanism'] = draw_effects(results.effects)
+        if marginals:  # or no draw that shows the MPCC's part of the picture
+            drawn['picture'] = draw_picture(marginals)
         folder.mkdir(parents=True, exist_ok=True)
         return [
             path
@@ -124,8 +133,10 @@ def draw_gap(results: Results, rules: Rules, span: tuple[float, float]) -> Figur
 
 
 def draw_limits(rows: Sequence[Row], span: tuple[float, float]) -> Figure:
-    """Return the demand of which each arm avoids half, and the ratio of both, by latency."""
-    figure, (above, below) = _sheet('Up to which demand does each controller avoid half?', 5.6, 2)
+    """Return the limit demand of each arm, and the ratio of both, by latency."""
+    figure, (above, below) = _sheet(
+        'Up to which demand does each controller avoid nine of ten?', 5.6, 2
+    )
     groups = [group for group in LATENCIES if any(row.group == group for row in rows)]
     places = np.arange(len(groups), dtype=float)
     for k, name in enumerate(COMPARED):
@@ -135,8 +146,10 @@ def draw_limits(rows: Sequence[Row], span: tuple[float, float]) -> Figure:
             *(style.KNOWN[name], MARKERS[k]),
             line='',
         )
-    above.set(ylabel='demand S with half avoided', ylim=(span[0] - 0.02, span[1] + 0.02))
-    above.set_title(f'S50, where it is within {span[0]:.1f} to {span[1]:.1f}')
+    above.set(
+        ylabel=f'demand S, {100 * LIMIT_SHARE:g} % avoided', ylim=(span[0] - 0.02, span[1] + 0.02)
+    )
+    above.set_title(f'S90, where it is within {span[0]:.1f} to {span[1]:.1f}')
     above.legend(loc='best')
     ratios = [row for row in rows if '/' in row.name]
     _points(below, places, ratios, 1, '', style.INK, 'o', line='')
@@ -164,7 +177,7 @@ def draw_losses(rows: Sequence[Row]) -> Figure:
         HIGH: 'friction believed\n5 % too high',
         LOW: 'friction believed\n5 % too low',
         LATENCY: '25 ms of latency\nthat it does not know',
-        KNOWN_LATENCY: 'latency that it\nknows, whole',
+        KNOWN_LATENCY: '50 ms, in its model\nwith the servos',
     }
     figure, axes = _sheet('How much avoidance do wrong friction and latency cost?', 3.9)
     places = np.arange(len(names), dtype=float)
@@ -230,14 +243,17 @@ def draw_effects(rows: Sequence[Row]) -> Figure:
     """Return what each difference of the two formulations does, and each pair of them."""
     quantities = list(dict.fromkeys(row.what for row in rows))
     figure, panels = _sheet(
-        'What does each part of the baseline change in the tuned MPCC?', 4.6, 1, len(quantities)
+        'What does each part of the baseline change in the MPCC?',
+        4.6,
+        1,
+        len(quantities),
     )
     names = [row.name for row in rows if row.what == quantities[0]]
     places = np.arange(len(names), dtype=float)[::-1]
     for axes, what in zip(panels, quantities):
         own = [row for row in rows if row.what == what]
         unit = own[0].unit
-        means, errors = _bars(own, 100 if unit == POINTS else 1)
+        means, errors = _bars(own, 1)
         main = np.array([row.group == 'effect' for row in own])
         for chosen, colour, marker in ((main, style.INK, 'o'), (~main, style.QUIET, 'D')):
             axes.errorbar(
@@ -264,26 +280,43 @@ def draw_effects(rows: Sequence[Row]) -> Figure:
     return figure
 
 
+def draw_picture(marginals: Sequence[Marginal]) -> Figure:
+    """Return where the draws nearest to the paper's picture lie among all drawn ones."""
+    figure, axes = _sheet("Which parameters make the paper's picture?", 5.6)
+    shown = marginals[:MOST_SHOWN]
+    for place, row in zip(range(len(shown))[::-1], shown):
+        low, median, high = (100 * share for share in row.shares)
+        is_sure = row.p_value < 0.05
+        colour = style.KNOWN['mpcc'] if is_sure else style.QUIET
+        axes.plot([low, high], [place, place], color=colour, lw=5, solid_capstyle='butt')
+        axes.plot(median, place, 'o', color=style.INK, ms=5)
+        axes.annotate(f'{row.posterior[1]:.3g}', (101, place), va='center', annotation_clip=False)
+    axes.axvspan(25, 75, color='#E4E4E4', lw=0, zorder=0.5)
+    axes.set_yticks(range(len(shown))[::-1], [row.name.replace('_', ' ') for row in shown])
+    axes.set(xlim=(0, 100), ylim=(-0.6, len(shown) - 0.4))
+    axes.set_title('median', loc='right', fontsize=8)
+    axes.set_xlabel(
+        'middle half of the nearest draws, as percentiles of all draws\n'
+        '(shaded: middle half of all; grey bar: no difference beyond chance)'
+    )
+    return figure
+
+
 def draw_searches(trials: pd.DataFrame) -> Figure:
-    """Return the least cost of every search over its drives; each stage has tasks of its own."""
+    """Return the cost of what every search recommends, over its drives."""
     arms = [name for name in LABELS if name in set(trials['arm'])]
-    figure, panels = _sheet('What does more search bring?', 3.6, 1, len(arms))
-    last = trials['stage'].max()
-    for axes, arm in zip(np.atleast_1d(panels), arms):
-        colour = style.assign_colours(arms)[arm]
-        for _, search in trials[trials['arm'] == arm].groupby('replicate'):
-            for stage, points in search.groupby('stage'):
-                least = points.groupby('drives')['cost'].min().cummin()
-                marker = {1: 's', last: 'o'}.get(stage, '')
-                style_of = {'mfc': 'white' if stage == 1 else colour, 'ms': 4}
-                axes.plot(least.index, least, color=colour, lw=0.9, marker=marker, **style_of)
+    figure, panels = _sheet('What does more search bring?', 3.2, 1, len(arms))
+    panels = np.atleast_1d(panels)
+    for axes, arm in zip(panels, arms):
+        recommended = trials[(trials['arm'] == arm) & trials['is_recommended']]
+        for _, search in recommended.groupby('replicate'):
+            axes.plot(
+                search['drives'], search['cost'], color=style.assign_colours(arms)[arm], lw=0.9
+            )
         axes.set_title(LABELS[arm].replace(' with', '\nwith'), fontsize=9)
-        axes.set_xlabel(
-            'drives; each stage has own tasks:\n□ first, line: evolution, ● last', fontsize=7.5
-        )
-        axes.set_xlim(0, None)
-        axes.sharey(np.atleast_1d(panels)[0])
-    np.atleast_1d(panels)[0].set(ylabel='least cost so far, mean over tasks', ylim=(0, None))
+        axes.set(xlabel='drives of the search', xlim=(0, None))
+        axes.sharey(panels[0])
+    panels[0].set(ylabel='estimated cost of\nwhat is recommended', ylim=(0, None))
     return figure
 
 
@@ -315,7 +348,7 @@ def _margin(span, margin, label):
 
 def _latency_label(group):
     return f'{group}, unknown\nto the controller' if group[0] in '25' else {
-        '0 ms': 'none', 'compensated': '50 ms, known\nto the controller'
+        '0 ms': 'none', 'compensated': '50 ms, in its model\nwith the servos'
     }[group]  # fmt: skip
 
 

@@ -44,7 +44,7 @@ def measure(setup: Setup) -> dict[str, Any]:
         'kept_m': min(obstacle_m - facts.safe_obstacle, edge_m - facts.safe_edge),
         'peak_sideslip_deg': value('peak_sideslip_deg'),
         'min_speed_mps': value('min_speed_mps'),
-        'brake_onset_m': value('planned_brake_onset_hard_at_m'),
+        'brake_onset_m': value('planned_brake_onset_at_m'),
         'rms_speed_error_mps': float(np.sqrt(np.mean((driven.motion.vx - desired) ** 2))),
     }
 

@@ -30,6 +30,7 @@ class Marginal(NamedTuple):
     name: str
     prior: tuple[float, float, float]
     posterior: tuple[float, float, float]
+    shares: tuple[float, float, float]  # of the prior, below the quartiles of the posterior
     p_value: float  # Kolmogorov-Smirnov, adjusted by Benjamini and Hochberg over all parameters
 
 
@@ -118,8 +119,9 @@ def marginals(drives: pd.DataFrame, rules: Mapping[str, Any]) -> list[Marginal]:
             if before.notna().all():
                 p_value = float(ks_2samp(before, after).pvalue)
                 label = f'{arm} {name}' if '.' in name else name
-                quartiles = (tuple(np.quantile(v, (0.25, 0.5, 0.75))) for v in (before, after))
-                rows.append(Marginal(label, *quartiles, p_value))
+                quartiles = [tuple(np.quantile(v, (0.25, 0.5, 0.75))) for v in (before, after)]
+                shares = tuple(float((before < value).mean()) for value in quartiles[1])
+                rows.append(Marginal(label, *quartiles, shares, p_value))
     adjusted = false_discovery_control([row.p_value for row in rows])
     rows = [row._replace(p_value=float(p)) for row, p in zip(rows, adjusted)]
     return sorted(rows, key=lambda row: row.p_value)

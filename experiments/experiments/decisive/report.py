@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from rich.console import Console
 
@@ -29,6 +30,23 @@ def analyse(plan: Mapping[str, Any], tables: Mapping[str, pd.DataFrame]) -> Resu
     return analysis.analyse(judged[~is_factorial], judged[is_factorial], rules)
 
 
+def typical(plan: Mapping[str, Any], tuned: pd.DataFrame, arm: str) -> pd.Series:
+    """Return the replicate of an arm whose weights are nearest to the median ones.
+
+    In shares of the logarithm of each range, by the sum of squares.
+    """
+    rows = tuned[tuned['arm'] == arm].set_index('replicate').dropna(axis=1)
+    ranges = {name: ends for name, ends in plan['search']['ranges'].items() if name in rows}
+    shares = pd.DataFrame(
+        {
+            name: np.log(rows[name] / low) / np.log(high / low)
+            for name, (low, high) in ranges.items()
+        }
+    )
+    nearest = ((shares - shares.median()) ** 2).sum(axis=1).idxmin()
+    return rows.loc[nearest, list(ranges)].rename(nearest)
+
+
 def write(plan: Mapping[str, Any], folder: Path, out: Path, console: Console) -> None:
     """Show what the tables in `folder` say, and write it with its figures into `out`.
 
@@ -36,17 +54,28 @@ def write(plan: Mapping[str, Any], folder: Path, out: Path, console: Console) ->
     """
     tables = {name: _read(folder / f'{name}.parquet') for name in TABLES}
     results = analyse(plan, tables)
-    lines = [analysis.to_text(results), '', 'picture']
-    for row in picture.marginals(tables['picture'], plan['picture']):
+    errors = tables['drives']['error'].ne('').sum()
+    lines = [
+        f'{len(tables["drives"]):,} drives, {errors} of them without a result: not avoided',
+        analysis.to_text(results),
+        '',
+        'weights of the replicate nearest to the median',
+    ]
+    for arm in plan['tuned']:
+        weights = typical(plan, tables['tuned'], arm)
+        shown = ', '.join(f'{name} {value:.4g}' for name, value in weights.items())
+        lines.append(f'  {arm}, replicate {weights.name}: {shown}')
+    lines += ['', 'picture']
+    marginals = picture.marginals(tables['picture'], plan['picture'])
+    for row in marginals:
         before, after = (' '.join(f'{value:10.4g}' for value in v) for v in row[1:3])
         lines.append(f'  {row.name:40}{before} ->{after}  p {row.p_value:.3f}')
     text = '\n'.join(lines)
     print_text(console, text)
     out.mkdir(parents=True, exist_ok=True)
     (out / TEXT).write_text(f'{text}\n', encoding='utf-8')
-    paths = figures.write_all(
-        results, tables['trials'], verdicts.read_rules(plan), DEMAND, out / 'figures'
-    )
+    rules = verdicts.read_rules(plan)
+    paths = figures.write_all(results, tables['trials'], marginals, rules, DEMAND, out / 'figures')
     print_paths(console, {'figures': paths[0].parent})
 
 

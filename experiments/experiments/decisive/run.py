@@ -15,7 +15,6 @@ import time
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from random import Random
 from typing import Any
 
 import numpy as np
@@ -96,22 +95,17 @@ def _search_all(plan, number, driver):
     winners, trials = {}, {}
     seed = plan['seeds']['training'] + number
     for arm in plan['tuned']:
-        names = arms.tuned_parameters(plan, arm)
-        ranges = {name: plan['search']['ranges'][name] for name in names}
         drive = partial(_costs, plan, arm, seed, driver)
-        trials[arm] = search.search(ranges, plan['search'], seed, drive)
-        winners[arm] = search.winner(trials[arm])
+        names = arms.tuned_parameters(plan, arm)
+        trials[arm] = search.search(plan['search']['ranges'], names, plan['search'], seed, drive)
+        winners[arm] = trials[arm][-1]
     return winners, trials
 
 
 def _costs(plan, arm, seed, driver, points, begin, end):
     rows = [
         arms.row(
-            plan,
-            arm,
-            arms.settings(plan, arm, {arm: weights}),
-            seed,
-            index,
+            *(plan, arm, arms.settings(plan, arm, {arm: weights}), seed, index),
             labels=tuple(weights.items()),
         )
         for weights in points
@@ -132,14 +126,9 @@ def _judge(plan, number, tuned, driver):
     tasks = [arms.task_values(seed, index) for index in range(total)]
 
     def rows(arm, indices, start=0):
-        # the same offsets for every arm
-        offsets = (0.0 if not start else _offset(plan, seed, index, start) for index in indices)
         return [
-            arms.row(
-                *(plan, arm, chosen[arm], seed, index, speed_kph),
-                labels=(('start', start), *tasks[index].items()),
-            )
-            for index, speed_kph in zip(indices, offsets)
+            arms.row(plan, arm, chosen[arm], seed, index, start, tuple(tasks[index].items()))
+            for index in indices
         ]
 
     avoided = {}
@@ -156,16 +145,9 @@ def _judge(plan, number, tuned, driver):
         driver.drive(rows(arm, both[: plan['factorial_tasks']]), judged=True)
 
 
-def _offset(plan, seed, index, start):
-    most = plan['starts']['speed_kph']
-    return Random(f'{seed} {index} {start}').uniform(-most, most)
-
-
 def _as_frame(trials):
-    return pd.DataFrame(
-        {'arm': arm, 'stage': t.stage, 'cost': t.cost, 'drives': t.drives, **t.weights}
-        for arm, t in trials
-    )
+    frame = pd.DataFrame({'arm': arm, **t._asdict(), **t.weights} for arm, t in trials)
+    return frame.drop(columns='weights')
 
 
 def _collect(folder, name, count):

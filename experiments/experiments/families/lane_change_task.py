@@ -27,8 +27,8 @@ from scenario_publisher import lines
 
 NAME = 'lane_change_task'
 CIRCLE_M = 1.1  # the paper's circle around the centre of gravity
-DEMAND = (0.3, 1.2)  # S
-STRATA = 9  # equal parts of it
+DEMAND = (0.2, 0.9)  # S
+STRATA = 7  # equal parts of it
 SPEEDS = (14.0, 45.0)  # m/s: a drive ends as too slow at 7
 UNIFORM: Mapping[str, tuple[float, float]] = MappingProxyType(
     {

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 
+from experiments.decisive.picture import Marginal
 from experiments.decisive.verdicts import read_rules
 
 SPAN = (0.2, 0.9)
@@ -15,7 +16,9 @@ PLAN = {
     'stop': {'from': 12, 'widths': [0.05, 0.10], 'cap': 20},
 }
 RULES = read_rules(PLAN)
-S50 = {'mpcc': 0.6, 'frenet': 0.5}  # without latency; each 25 ms divide it by 1.1
+# half avoided, without latency; each 25 ms divide it by 1.1
+S50 = {'mpcc': 0.8, 'frenet': 0.667}
+S90_OVER_S50 = 9.0**-0.25
 OTHERS = {
     'mpcc_heading': 0.62,
     'frenet_matched': 0.52,
@@ -90,9 +93,23 @@ def trials(arms=('mpcc', 'frenet', 'mpcc_heading'), replicates=10, seed=3):
     rows = []
     for arm in arms:
         for replicate in range(1, replicates + 1):
-            rows += [(replicate, arm, 1, 288, cost) for cost in rng.uniform(5.0, 12.0, 48)]
-            for generation in range(1, 7):
-                costs = rng.uniform(3.0, 9.0, 10) - 0.3 * generation
-                rows += [(replicate, arm, 2, 288 + 80 * generation, cost) for cost in costs]
-            rows += [(replicate, arm, 3, 984, cost) for cost in rng.uniform(3.0, 4.5, 6)]
-    return pd.DataFrame(rows, columns=['replicate', 'arm', 'stage', 'drives', 'cost'])
+            for number in range(11):
+                drives = 384 + 96 * number
+                costs = rng.uniform(3.0, 9.0, 16) - 0.1 * number
+                rows += [(replicate, arm, number, drives, cost, False) for cost in costs]
+                rows.append((replicate, arm, number, drives, 4.0 - 0.1 * number, True))
+    names = ['replicate', 'arm', 'round', 'drives', 'cost', 'is_recommended']
+    return pd.DataFrame(rows, columns=names)
+
+
+def marginals(count=14, seed=4):
+    """Parameters of a picture, of which the first differ beyond chance."""
+    rng = np.random.default_rng(seed)
+    return [
+        Marginal(
+            f'mpcc tolerances.weight_{k}',
+            *(tuple(np.sort(rng.uniform(size=3))) for _ in range(3)),
+            0.02 * k,
+        )
+        for k in range(count)
+    ]
