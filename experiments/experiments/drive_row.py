@@ -106,14 +106,13 @@ class Row(NamedTuple):
     def columns(self) -> dict[str, Any]:
         """Return what tells this row apart, by the name of its column in a table."""
         scene = self.draw
-        drawn = {} if scene is None else scene._asdict()
         is_file = scene is None and Path(self.scenario).suffix
         return {
             'scenario': scenario.load(self.scenario).name if is_file else self.scenario,
-            'family': drawn.get('family'),
-            'difficulty': drawn.get('difficulty'),
-            'seed': drawn.get('seed'),
-            'draw': drawn.get('index'),
+            'family': scene and scene.family,
+            'difficulty': scene and scene.difficulty,
+            'seed': scene and scene.seed,
+            'draw': scene and scene.index,
             'controller': _controller_name(self.controller),
             **{name: list(v) if _is_list(v) else v for name, v in self.settings},
             **dict(self.labels),
@@ -180,8 +179,8 @@ def split_settings(
     return changes, by_role
 
 
-def prepare(row: Row, any_car: bool = False, written: str = '{}') -> Setup:
-    """Return the setup of a row; `written` is how the user wrote a setting, for errors.
+def prepare(row: Row, any_car: bool = False, written: Callable[[str], str] = '{}'.format) -> Setup:
+    """Return the setup of a row; `written` says how the user wrote a setting, for errors.
 
     Raises BagError for unusable input, and, unless `any_car`, for a plant that is another car than
     the controller knows.
@@ -190,12 +189,8 @@ def prepare(row: Row, any_car: bool = False, written: str = '{}') -> Setup:
     scn, drawn = load_scenario(row, **changes)
     for role, values in drawn.items():
         settings[role] = {**values, **settings.get(role, {})}
-    origins = {
-        role: {name: written.format(f'{role}.{name}') for name in values}
-        for role, values in settings.items()
-    }
     source = scn.name if row.draw else row.scenario
-    setup = simulation.prepare_scenario(scn, row.controller, settings, source, origins, any_car)
+    setup = simulation.prepare_scenario(scn, row.controller, settings, source, written, any_car)
     return perturb(setup, row.offset)._replace(knows_limit=row.knows_limit)
 
 
@@ -296,8 +291,7 @@ def drive_unchanged(
     Raises BagError where it is another by now: the results would be kept under a false key.
     """
     forget_files()
-    # the program has refused what must not be driven
-    setup = prepare(row, any_car=True)
+    setup = prepare(row, any_car=True)  # the program has refused what must not be driven
     if key(row) != wanted:
         raise BagError(f'{row}: a file of its inputs has {CHANGED}')
     return json.dumps(drive_setup(setup), allow_nan=False)

@@ -83,13 +83,12 @@ def prepare_scenario(
     controller: str,
     settings: Mapping[str, Mapping[str, Any]] = node_config.NO_OVERRIDES,
     source: str = '',
-    origins: Mapping[str, Mapping[str, str]] = node_config.NO_OVERRIDES,
+    written: Callable[[str], str] = '--set {}'.format,
     any_car: bool = False,
 ) -> Setup:
     """Return the setup of a loaded scenario, as `prepare`.
 
-    For errors: `source` is the file of the scenario, `origins` say by role and name how the caller
-    wrote a setting; without one it is `--set`.
+    For errors: `source` is the file of the scenario, `written` says how the caller wrote a setting.
     """
     for name in settings.get('plant', ()):
         if name not in PLANT_SETTINGS and not name.startswith(inputs.PLANT_CAR):
@@ -97,6 +96,10 @@ def prepare_scenario(
             raise BagError(f'plant.{name} has no effect in process; allowed are {allowed}')
     chosen = node_config.find_controller(controller)
     facts, unused = inputs.scenario_facts(scn, source or scn.name), Path()
+    origins = {
+        role: {name: written(f'{role}.{name}') for name in values}
+        for role, values in settings.items()
+    }
     nodes = node_config.build_nodes(facts, chosen, 'lockstep', unused, unused, settings, origins)
     checked = inputs.check_parameters(nodes)
     if not any_car:

@@ -1,6 +1,5 @@
 """`experiments batch`: simulate what is missing of a study, and write its table."""
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,7 +8,6 @@ import pandas
 from rich.console import Console
 from rich.table import Table
 
-from bags.command_line import print_text
 from bags.errors import BagError
 from experiments import code_version, drive_row, row_runner
 from experiments.batch import study_file, study_rows
@@ -43,20 +41,13 @@ def run(
     Raises BagError for a study that cannot be used, and KeyboardInterrupt after the table of the
     drives so far was written.
     """
-    begin_s = time.monotonic()
-    row_runner.check_format()
     study = study_file.load(path)
     with CountProgress(console) as progress, Pool(jobs, dask, code_version.describe) as pool:
         rows = check_rows(study, pool, progress)
         notes = {'study': study.text}
-        driven = row_runner.run_rows(rows, folder, pool, progress, limit_s, notes, drive)
-    console.print(summarise(driven.rows))
-    print_text(
-        console,
-        f'{len(driven.rows):,} drives: {driven.kept:,} were kept, {driven.failed:,} failed; '
-        f'{time.monotonic() - begin_s:.1f} s; {driven.table}',
-    )
-    return 1 if driven.failed else 0
+        lines = row_runner.run_rows(rows, folder, pool, progress, limit_s, notes, drive)
+    console.print(summarise(lines))
+    return 1 if any(line['error'] for line in lines) else 0
 
 
 def check_rows(study: StudyFile, pool: Pool, progress: CountProgress) -> list[Row]:

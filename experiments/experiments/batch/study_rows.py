@@ -167,7 +167,7 @@ def check_drawn(study: StudyFile, combinations: Sequence[Row]) -> None:
     first = {combination.controller: combination for combination in reversed(combinations)}
     for drawn in study.drawn:
         for combination in first.values():
-            for end in (*drawn.distribution.ends(), drawn.distribution.value(INSIDE)):
+            for end in (*drawn.distribution.ends, drawn.distribution.value(INSIDE)):
                 settings: tuple[Any, ...] = (*combination.settings, (drawn.name, end))
                 try:
                     check(combination._replace(settings=settings))

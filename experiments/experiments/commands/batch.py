@@ -52,5 +52,5 @@ def run(options: argparse.Namespace) -> int:
     from experiments.batch import run_batch
 
     return run_batch.run(
-        options.study, options.out, options.jobs, options.limit_s, Console(), options.dask
+        options.study, options.out, options.jobs, options.time_limit_s, Console(), options.dask
     )

@@ -46,7 +46,10 @@ def refresh(drives: Mapping[str, Sequence[str]], out: Path, console: Console) ->
         for bag in sorted(work.glob('*/*/metadata.yaml')):
             reduced = cut(read.load(bag.parent), work / 'cut' / bag.parent.name)
             final = out / bag.parent.parent.name / bag.parent.name
-            _replace(final, reduced)
+            # the MCAP file is named after its folder, which moving does not change
+            final.parent.mkdir(parents=True, exist_ok=True)
+            shutil.rmtree(final, ignore_errors=True)
+            reduced.rename(final)
             size = sum(file.stat().st_size for file in final.iterdir())
             console.print(f'{os.path.relpath(final)}: {size / 1000:.0f} kB', highlight=False)
     return 0
@@ -101,11 +104,3 @@ def _kept_rows(bag, name, answered):
             if not row or not recorded_ticks.has_same_content(values[row], values[row - 1])
         ]
     return topic.rows[[*rows]]
-
-
-def _replace(final, reduced):
-    # the MCAP file is named after its folder, which moving does not change
-    final.parent.mkdir(parents=True, exist_ok=True)
-    if final.exists():
-        shutil.rmtree(final)
-    reduced.rename(final)

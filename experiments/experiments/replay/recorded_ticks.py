@@ -37,8 +37,6 @@ JOINED = (STATE, ACTUATORS, OBSTACLES)
 TIME_LIMIT = 'time limit'
 STALE, STATE_STALE, HEARD = '_stale', 'state_stale', 'time.heard_ns'
 REJECTED_BY_AGE = ('too_old', 'from_future')
-
-
 NO_CHANGES: Mapping[str, float] = MappingProxyType({})
 
 
@@ -148,10 +146,6 @@ class RecordedTopic:
         back = self.stamp_ns[row] < self.stamp_ns[before]
         return bool(back or 0 < self.sequence[row] <= self.sequence[before])
 
-    def has_between(self, after_ns: int, before_ns: int) -> bool:
-        """Return whether there is a message with a stamp strictly between two others."""
-        return bool(np.any((self.stamp_ns > after_ns) & (self.stamp_ns < before_ns)))
-
     def find(self, stamp_ns: int) -> Any:
         """Return the value of a stamp; None when it was not recorded."""
         return self.value(self.row_of[stamp_ns]) if stamp_ns in self.row_of else None
@@ -219,7 +213,8 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
         restarted = restarted or (_has_no_state(ticks[-1].why) and not _has_no_state(why))
         resumed = bool(why.values.get(RESUMED))
         restarted = restarted or resumed
-        if not restarted and topics[COMMAND].has_between(reports.stamp_ns[last], stamp_ns):
+        answered = topics[COMMAND].stamp_ns
+        if not restarted and np.any((answered > reports.stamp_ns[last]) & (answered < stamp_ns)):
             source.gaps.append(f'a tick without a message of {WHY}')
         inputs = RecordedInputs(
             state=None if _has_no_state(why) else source.state(topics[STATE]),
