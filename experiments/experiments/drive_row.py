@@ -191,7 +191,18 @@ def prepare(row: Row, any_car: bool = False, written: Callable[[str], str] = '{}
         settings[role] = {**values, **settings.get(role, {})}
     source = scn.name if row.draw else row.scenario
     setup = simulation.prepare_scenario(scn, row.controller, settings, source, written, any_car)
-    return perturb(setup, row.offset)._replace(knows_limit=row.knows_limit)
+    setup = setup._replace(knows_limit=row.knows_limit)
+    if row.offset == NOMINAL:
+        return setup
+    start, reference = scn.start, scn.reference
+    # a car that starts at standstill still does; the desired speeds change all the same
+    base = start.speed or float(initial_state.start_from_reference(reference).speed)
+    speed = base + row.offset.speed_kph / KPH
+    scn = scn._replace(
+        start=start._replace(speed=speed) if start.speed else start,
+        reference=reference._replace(t=reference.t * (base / speed)),
+    )
+    return setup._replace(scn=scn, friction=setup.friction * row.offset.grip)
 
 
 def load_scenario(
@@ -213,21 +224,6 @@ def load_scenario(
 
 # searches drive the same draws again and again
 _draw = lru_cache(maxsize=256)(families.draw)
-
-
-def perturb(setup: Setup, offset: Offset) -> Setup:
-    """Return a setup with a start offset."""
-    if offset == NOMINAL:
-        return setup
-    start, reference = setup.scn.start, setup.scn.reference
-    # a car that starts at standstill still does; the desired speeds change all the same
-    base = start.speed or float(initial_state.start_from_reference(reference).speed)
-    speed = base + offset.speed_kph / KPH
-    scn = setup.scn._replace(
-        start=start._replace(speed=speed) if start.speed else start,
-        reference=reference._replace(t=reference.t * (base / speed)),
-    )
-    return setup._replace(scn=scn, friction=setup.friction * offset.grip)
 
 
 def key(row: Row) -> str:

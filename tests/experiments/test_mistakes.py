@@ -210,7 +210,7 @@ def draw_of(name, distribution, **more):
         ({'schema': None}, "key 'schema' is missing"),
         ({'scenarios': None}, 'scenarios: is missing'),
         ({'controllers': None}, "key 'controllers' is missing"),
-        ({'run': 3}, "run: ... did you mean 'runs'?; allowed schema, scenarios"),
+        ({'run': 3}, "run: ... did you mean 'runs'?; allowed schema, controllers, scenarios"),
         ({'scenarios': 'straight'}, 'scenarios: must be a list'),
         ({'scenarios': []}, 'scenarios: ... at least one'),
         ({'scenarios': ['straight', 3]}, 'scenarios[1]: ... a name or a file'),

@@ -54,7 +54,9 @@ def check_rows(study: StudyFile, pool: Pool, progress: CountProgress) -> list[Ro
     """Check every combination of a study and return its rows. Raises BagError."""
     combinations = study_rows.combine(study)
     rows = study_rows.rows_of(study, combinations)
-    words = study_rows.words_drawn(study, rows)
+    names = {drawn.name for drawn in study.drawn}
+    # the drawn settings that are words, each combination of them once
+    words = dict.fromkeys(tuple(pair for pair in row.words if pair[0] in names) for row in rows)
     checked = [
         combination._replace(settings=(*combination.settings, *chosen))
         for combination in combinations
@@ -75,9 +77,9 @@ def check_rows(study: StudyFile, pool: Pool, progress: CountProgress) -> list[Ro
     study_rows.check_drawn(study, combinations)
     for line in dict.fromkeys(line for _, line in sorted(warnings) if line):
         progress.print_line(f'warning: {line}')
-    names: dict[str, str] = {}
+    roads: dict[str, str] = {}
     for road in study.scenarios:
-        other = names.setdefault(scenario.load(road).name, road)
+        other = roads.setdefault(scenario.load(road).name, road)
         if other != road:
             raise BagError(
                 f'{study.path}: scenarios: {other} and {road} have one name, '

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
+from bags.evaluation import geometry
 from bags.figures import style
 from experiments.preview.scenario_checks import Circles
 from scenario_publisher import actors, advice
-from scenario_publisher.polyline import running_sum
 from scenario_publisher.scenario import Scenario
 
 WIDE_INCH, STRIP_INCH, LEAST_INCH, MOST_INCH = 11.0, 1.7, 2.4, 8.0
@@ -53,8 +53,9 @@ def _from_above(axes, scn, circles):
         axes.add_patch(Polygon(corners, color=SLIPPERY, lw=0, label='' if i else 'other friction'))
     for edge in (left, right):
         axes.plot(*edge.T, color=style.EDGE, lw=1.0)
-    for side, edge in (('right', left), ('left', right)):
-        axes.plot(*_beside(edge, side, circles.edge_m).T, color=style.UNSAFE, lw=0.8, ls=':')
+    for edge, inside in ((left, -circles.edge_m), (right, circles.edge_m)):
+        safe = geometry.offset_polyline(edge, inside)
+        axes.plot(*safe.T, color=style.UNSAFE, lw=0.8, ls=':')
     axes.plot(scn.reference.X, scn.reference.Y, color=PATH, lw=1.4, label='coarse path')
     named = set()
     for actor in scn.actors:
@@ -116,14 +117,6 @@ def _strips(speed, lateral, scn):
     lateral.set_xlim(along.station[0], along.station[-1])
     for axes in (speed, lateral):
         axes.axvline(advice.finish_station(scn), color=style.INK, ls=(0, (2, 2)), lw=1.2)
-
-
-def _beside(edge, side, distance):
-    """Return an edge moved inwards."""
-    tangent = np.gradient(edge, running_sum(np.hypot(*np.diff(edge, axis=0).T)), axis=0)
-    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
-    normal /= np.hypot(*normal.T)[:, None]
-    return edge + (distance if side == 'left' else -distance) * normal
 
 
 def _places(scn, actor, step=STEP_S):

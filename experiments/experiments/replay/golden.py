@@ -63,8 +63,11 @@ def cut(bag: read.Bag, folder: Path) -> Path:
     answered = {tick.stamp_ns for tick in recorded_ticks.read_ticks(bag)}
     topics = (*recorded_ticks.NEEDED, recorded_ticks.PREDICTION)
     names = [name for name in topics if name in bag.recordings]
-    records = {'run': reduce_run_info(bag.run_info)}
-    writer = BagWriter(folder, [bag.recordings[name].topic for name in names], records)
+    kept = dict(bag.run_info)
+    for name, wanted in (('parameters', ROLES), ('machine', MACHINE)):
+        values = json.loads(kept.get(name, '{}'))
+        kept[name] = json.dumps({k: values[k] for k in wanted if k in values}, sort_keys=True)
+    writer = BagWriter(folder, [bag.recordings[name].topic for name in names], {'run': kept})
     rows = []
     for index, name in enumerate(names):
         recorded = bag.recordings[name]
@@ -79,15 +82,6 @@ def cut(bag: read.Bag, folder: Path) -> Path:
     if size > LARGEST_BYTES:
         raise BagError(f'{folder}: {size} bytes; golden bags have at most {LARGEST_BYTES}')
     return folder
-
-
-def reduce_run_info(run_info: dict[str, str]) -> dict[str, str]:
-    """Return the run information without folders and other traces of the machine."""
-    kept = dict(run_info)
-    for name, wanted in (('parameters', ROLES), ('machine', MACHINE)):
-        values = json.loads(run_info.get(name, '{}'))
-        kept[name] = json.dumps({k: values[k] for k in wanted if k in values}, sort_keys=True)
-    return kept
 
 
 def _kept_rows(bag, name, answered):

@@ -170,15 +170,23 @@ class Problem:
         params, plan = self.prediction.params, solution.plan
         parameters = self.tick_problem.parameters
         view = self.prediction.evaluator.evaluate(self._to_local(plan), parameters.P)
+        car, x0, step_s = self.tick_problem.car, self.tick_problem.x0, params.model.step_s
+        target = setpoints.target_of_plan(plan, car, params.limits)
+        # the limits of the last stage: those of states and inputs are equal at all
+        bounds, state = self.tick_problem.bounds, self.prediction.formulation.ocp.state
+        limits = dict(zip(state._fields, zip(bounds.x_low[-1], bounds.x_high[-1])))
+        limits |= dict(zip(Input._fields, zip(bounds.u_low[-1], bounds.u_high[-1])))
         return Solved(
             is_feasible=not fallback.rejection_reason(solution, params.fallback),
             status=f'{level}: {solution.message}',
             iterations=solution.iterations,
-            command=self._command(plan),
-            t=params.model.step_s * np.arange(len(plan.X)),
+            command=setpoints.command_to(
+                target, Setpoints(x0.delta, x0.Fx), car, step_s, self.stamp_ns
+            ),
+            t=step_s * np.arange(len(plan.X)),
             states=State(*plan.X.T)._asdict(),
             inputs=Input(*plan.U.T)._asdict(),
-            limits=self._limits(),
+            limits={name: ends for name, ends in limits.items() if np.isfinite(ends).any()},
             terms={name: float(np.sum(term)) for name, term in view.costs._asdict().items()},
             weights=self.weights,
             distances=tuple(self._distances(view)),
@@ -189,13 +197,6 @@ class Problem:
             plan=plan,
         )
 
-    def _command(self, plan) -> Command:
-        params, problem = self.prediction.params, self.tick_problem
-        car, x0 = problem.car, problem.x0
-        target = setpoints.target_of_plan(plan, car, params.limits)
-        now = Setpoints(x0.delta, x0.Fx)
-        return setpoints.command_to(target, now, car, params.model.step_s, self.stamp_ns)
-
     def _distances(self, view):
         parameters, weights = self.tick_problem.parameters, self.weights
         safe = parameters.stages.D_sft
@@ -205,13 +206,6 @@ class Problem:
         for side, D, priority in zip(('left', 'right'), view.v2e, view.priority_e):
             edge = float(np.max(safe.e))  # of every stage where it fits the road
             yield Distance(f'{side} edge', D, edge, weights['v2e'] * priority)
-
-    def _limits(self):
-        """Return the limits of the last stage: those of states and inputs are equal at all."""
-        bounds, state = self.tick_problem.bounds, self.prediction.formulation.ocp.state
-        limits = dict(zip(state._fields, zip(bounds.x_low[-1], bounds.x_high[-1])))
-        limits |= dict(zip(Input._fields, zip(bounds.u_low[-1], bounds.u_high[-1])))
-        return {name: pair for name, pair in limits.items() if np.any(np.isfinite(pair))}
 
     def _active(self, plan):
         problem, bounds = self.prediction.problem, self.tick_problem.bounds
