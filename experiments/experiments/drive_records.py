@@ -7,6 +7,7 @@ kill or a full disk tore is noticed, and its drive is simulated again.
 import fcntl
 import json
 from collections.abc import Iterator, Sequence
+from io import BytesIO
 from pathlib import Path
 
 from bags.errors import BagError
@@ -38,7 +39,7 @@ class DriveRecords:
             self._file.close()
             raise BagError(f'{self.path}: another program is writing this file') from None
         end = 0
-        for line in self.path.read_bytes().splitlines(keepends=True):
+        for line in BytesIO(self.path.read_bytes()):  # splitlines would split at other ends, too
             if not line.endswith(b'\n'):
                 # the next record must begin a line
                 self._file.truncate(end)
