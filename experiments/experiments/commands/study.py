@@ -42,14 +42,12 @@ def run(options: argparse.Namespace) -> int:
     out, console = options.out or folder, Console()
     # imported late: controllers, pandas and matplotlib take a second to load
     if options.part == 'recompute':
-        import pandas as pd
-
         from experiments import settings_study
 
         study = settings_study.read(folder)
-        for rows in (settings_study.shares(study), settings_study.braking(study)):
-            table = pd.DataFrame(rows).to_string(index=False, float_format='{:.3f}'.format)
-            console.print(table, markup=False, highlight=False, soft_wrap=True)
+        for table in (settings_study.shares(study), settings_study.braking(study)):
+            text = table.to_string(index=False, float_format='{:.3f}'.format)
+            console.print(text, markup=False, highlight=False, soft_wrap=True)
     elif options.part == 'decide':
         from experiments.decisive import report
 

@@ -1,20 +1,16 @@
 """`experiments run` as a person uses it: interrupted, killed, with a node that fails."""
 
-import contextlib
 import io
-import os
 import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 from rich.console import Console
 from shell_nodes import AWAIT_RECORDER, WAIT, left_over
 from wait_until import wait_until
 
-from bags.storage import read
 from experiments.run import run_and_compare, staging
 
 EXPERIMENTS = (sys.executable, '-m', 'experiments.cli')
@@ -134,45 +130,3 @@ def test_another_car_that_is_driven_all_the_same_is_told_with_all_that_differs(
     said = ' '.join(console.file.getvalue().split())
     assert 'warning, mpcc: car_file car.yaml does not fit the plant: wheelbase 2.89 m' in said
     assert 'load of the rear axle' in said
-
-
-def kill_the_controller(command):
-    """End the controller that this command has started."""
-    for process in Path('/proc').glob('[0-9]*'):
-        with contextlib.suppress(OSError):
-            parent = (process / 'stat').read_text().rpartition(')')[2].split()[1]
-            is_controller = b'controller_node' in (process / 'cmdline').read_bytes()
-            if is_controller and int(parent) == command.pid:
-                os.kill(int(process.name), signal.SIGKILL)
-
-
-def terminate(command):
-    command.send_signal(signal.SIGTERM)
-
-
-@pytest.mark.usefixtures('dds')
-@pytest.mark.parametrize(
-    ('end', 'code', 'kept'),
-    [(kill_the_controller, 1, 'mpcc.failed/mpcc'), (terminate, 143, 'mpcc.interrupted')],
-)
-def test_a_real_run_that_is_ended_leaves_a_closed_bag_with_its_recording(
-    tmp_path, start, end, code, kept
-):
-    folder = tmp_path / 'runs/double_lane_change'
-    process = start('double_lane_change')
-
-    def is_recorded():
-        assert process.poll() is None, process.stderr.read()
-        # what is there before the first message does not count
-        return sum(file.stat().st_size for file in folder.glob('.mpcc.*/mpcc/*.mcap')) > 100_000
-
-    wait_until(is_recorded, 240.0, 'nothing is recorded')
-    end(process)
-    _, stderr = process.communicate(timeout=240)
-    assert process.returncode == code, stderr
-    assert kept in stderr
-    bag = read.load(folder / kept)
-    assert (folder / kept / 'metadata.yaml').is_file()
-    assert bag.damage is None
-    assert bag.recordings['/controller/command'].payloads
-    assert not list(folder.glob('.mpcc.*'))
