@@ -301,15 +301,17 @@ def solver_statistics(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """
     solves = [report for report in reports if 'solver.iterations' in report]
     failed = sum(report['solver.status'] != SOLVED for report in solves)
+    values = {'asked': len(solves), 'failed': failed}
+    if not solves:
+        names = ('failed_share', 'iterations_mean', 'iterations_p99', 'iterations_max')
+        return values | dict.fromkeys((*names, 'time_per_iteration_ms'))
     iterations = np.array([report['solver.iterations'] for report in solves], dtype=float)
     time_ms = sum(report['time.solve_cpu_ms'] for report in solves)
-    is_known, total = bool(solves), int(iterations.sum())
     return {
-        'asked': len(solves),
-        'failed': failed,
-        'failed_share': failed / len(solves) if is_known else None,
-        'iterations_mean': float(iterations.mean()) if is_known else None,
-        'iterations_p99': float(np.percentile(iterations, 99)) if is_known else None,
-        'iterations_max': int(iterations.max()) if is_known else None,
-        'time_per_iteration_ms': time_ms / total if total else None,
+        **values,
+        'failed_share': failed / len(solves),
+        'iterations_mean': float(iterations.mean()),
+        'iterations_p99': float(np.percentile(iterations, 99)),
+        'iterations_max': int(iterations.max()),
+        'time_per_iteration_ms': time_ms / int(iterations.sum()) if iterations.sum() else None,
     }

@@ -1,7 +1,7 @@
 """`experiments batch`: simulate what is missing of a study, and write its table."""
 
+import argparse
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import pandas
@@ -22,30 +22,26 @@ SHARES = ('completed', 'collided', 'left_road', 'lost')
 
 
 def run(
-    path: Path,
-    folder: Path,
-    jobs: int,
-    limit_s: float,
+    options: argparse.Namespace,
     console: Console,
-    dask: str = '',
     drive: Callable[[Setup], dict[str, Any]] = drive_row.drive,
 ) -> int:
     """Simulate a study, write the table and show its summary; return 0 when no drive failed.
 
-    folder   of the results
-    jobs     processes
-    limit_s  of wall time for one drive
-    dask     address of a scheduler, whose workers drive in place of `jobs` processes
-    drive    what the processes call
-
-    Raises BagError for a study that cannot be used, and KeyboardInterrupt after the table of the
-    drives so far was written.
+    `options` are those of `experiments batch`; `drive` is what the processes call. Raises BagError
+    for a study that cannot be used, and KeyboardInterrupt after the table of the drives so far was
+    written.
     """
-    study = study_file.load(path)
-    with CountProgress(console) as progress, Pool(jobs, dask, code_version.describe) as pool:
+    study = study_file.load(options.study)
+    with (
+        CountProgress(console) as progress,
+        Pool(options.jobs, options.dask, code_version.describe) as pool,
+    ):
         rows = check_rows(study, pool, progress)
         notes = {'study': study.text}
-        lines = row_runner.run_rows(rows, folder, pool, progress, limit_s, notes, drive)
+        lines = row_runner.run_rows(
+            rows, options.out, pool, progress, options.time_limit_s, notes, drive
+        )
     console.print(summarise(lines))
     return 1 if any(line['error'] for line in lines) else 0
 

@@ -114,12 +114,9 @@ def show_refusals(failed: str, console: Console) -> None:
     print_text(console, '\nchecked (a scenario that fails is refused):')
     checks = scenario.CHECKS
     reached = checks.index(failed) if failed else len(checks)
-    for check in checks[:reached]:
-        _show_check(PASSED, check, console)
-    if failed:
-        _show_check(FAILED, failed, console)
-    for check in checks[reached + 1 :]:
-        _show_check(NOT_REACHED, check, console)
+    results = [PASSED] * reached + [FAILED] + [NOT_REACHED] * len(checks)
+    for check, result in zip(checks, results):
+        _show_check(result, check, console)
 
 
 def show_advice(judged: Sequence[Advice], console: Console) -> None:

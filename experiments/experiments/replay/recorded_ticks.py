@@ -141,11 +141,6 @@ class RecordedTopic:
             )
         return self._decode(valid[0]) if valid else None
 
-    def restarts(self, before: int, row: int) -> bool:
-        """Return whether the stamp or the publisher's sequence decreases from a row to a later."""
-        back = self.stamp_ns[row] < self.stamp_ns[before]
-        return bool(back or 0 < self.sequence[row] <= self.sequence[before])
-
     def find(self, stamp_ns: int) -> Any:
         """Return the value of a stamp; None when it was not recorded."""
         return self.value(self.row_of[stamp_ns]) if stamp_ns in self.row_of else None
@@ -191,7 +186,11 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
         # when it began in realtime
         wall_ns = int(reports.sent_ns[row]) - _duration_ns(why, 'prepare', 'solve')
         instant = stamp_ns, None if lockstep else wall_ns
-        restarted = last is None or reports.restarts(last, row)
+        # also where the stamp or the publisher's sequence decreases
+        restarted = last is None or bool(
+            reports.stamp_ns[row] < reports.stamp_ns[last]
+            or 0 < reports.sequence[row] <= reports.sequence[last]
+        )
         # after braking without a state the set-points are reset to the actuators
         restarted = restarted or (_has_no_state(ticks[-1].why) and not _has_no_state(why))
         resumed = bool(why.values.get(RESUMED))

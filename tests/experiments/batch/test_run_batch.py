@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+from argparse import Namespace
 
 import faulty_drives
 import pytest
@@ -41,7 +42,8 @@ def read_rows(folder):
 
 
 def run(study, folder, **more):
-    return run_batch.run(study, folder, 1, TIMEOUT_S, Console(quiet=True), **more)
+    options = {'study': study, 'out': folder, 'jobs': 1, 'dask': '', 'time_limit_s': TIMEOUT_S}
+    return run_batch.run(Namespace(**options), Console(quiet=True), **more)
 
 
 def records(folder):
