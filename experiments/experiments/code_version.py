@@ -56,28 +56,23 @@ def modules(roots: tuple[str, ...] = ROOTS) -> dict[str, Path]:
         if name in files or path is None:
             continue
         files[name] = path
-        pending += _imported(path)
+        pending += _imported(ast.parse(path.read_text()))
         if '.' in name:  # its package is imported first
             pending.append(name.rpartition('.')[0])
     return files
 
 
-def _imported(path):
-    for node in _walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.level == 0:
-            yield node.module
-            yield from (f'{node.module}.{alias.name}' for alias in node.names)
-
-
-def _walk(node):
-    """Yield every node of a module but what only a type checker reads."""
-    yield node
+def _imported(node):
+    """Yield what a module imports, but for what only a type checker reads."""
+    if isinstance(node, ast.If) and getattr(node.test, 'id', '') == 'TYPE_CHECKING':
+        return
+    if isinstance(node, ast.Import):
+        yield from (alias.name for alias in node.names)
+    elif isinstance(node, ast.ImportFrom) and node.level == 0:
+        yield node.module
+        yield from (f'{node.module}.{alias.name}' for alias in node.names)
     for inner in ast.iter_child_nodes(node):
-        is_typing = isinstance(inner, ast.If) and getattr(inner.test, 'id', '') == 'TYPE_CHECKING'
-        if not is_typing:
-            yield from _walk(inner)
+        yield from _imported(inner)
 
 
 def _file(name):

@@ -7,6 +7,7 @@ kill or a full disk tore is noticed, and its drive is simulated again.
 import fcntl
 import json
 from collections.abc import Iterator, Sequence
+from io import BytesIO
 from pathlib import Path
 
 from bags.errors import BagError
@@ -34,10 +35,22 @@ class DriveRecords:
         self._file = self.path.open('ab', buffering=0)
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self._read()
         except BlockingIOError:
             self._file.close()
             raise BagError(f'{self.path}: another program is writing this file') from None
+        end = 0
+        for line in BytesIO(self.path.read_bytes()):  # splitlines would split at other ends, too
+            if not line.endswith(b'\n'):
+                # the next record must begin a line
+                self._file.truncate(end)
+                self.damaged += 1
+                break
+            end += len(line)
+            try:
+                record = json.loads(line)
+                self._results[record[KEY]] = json.dumps(record[RESULTS])
+            except (ValueError, KeyError, TypeError):
+                self.damaged += 1
         return self
 
     def __exit__(self, *error):
@@ -64,22 +77,6 @@ class DriveRecords:
             raise BagError(f'{self.path}: {reason}; the drives before this one are kept')
         self._results[key] = results
 
-    def _read(self):
-        end = 0
-        with self.path.open('rb') as file:
-            for line in file:
-                if not line.endswith(b'\n'):
-                    # the next record must begin a line
-                    self._file.truncate(end)
-                    self.damaged += 1
-                    break
-                end += len(line)
-                try:
-                    record = json.loads(line)
-                    self._results[record[KEY]] = json.dumps(record[RESULTS])
-                except (ValueError, KeyError, TypeError):
-                    self.damaged += 1
-
 
 def record_each(
     ended: Iterator[Finished],
@@ -99,7 +96,10 @@ def record_each(
     for finished in ended:
         key = keys[finished.number]
         if finished.error:
-            errors[key] = _describe(finished.error)
+            # those that a person was meant to read have no class
+            known = isinstance(finished.error, BagError)
+            kind = '' if known else f'{type(finished.error).__name__}: '
+            errors[key] = ' '.join(f'{kind}{finished.error}'.split())
         else:
             records.add(key, finished.value)
         done += 1
@@ -107,9 +107,3 @@ def record_each(
         progress.show('drives', done, total, note)
         if done * LINES // total > (done - 1) * LINES // total:
             progress.print_line(' '.join((f'{done:,} of {total:,}', note)).rstrip())
-
-
-def _describe(error):
-    """Return an error as one line; those that a person was meant to read have no class."""
-    text = str(error) if isinstance(error, BagError) else f'{type(error).__name__}: {error}'
-    return ' '.join(text.split())

@@ -106,14 +106,13 @@ class Row(NamedTuple):
     def columns(self) -> dict[str, Any]:
         """Return what tells this row apart, by the name of its column in a table."""
         scene = self.draw
-        drawn = {} if scene is None else scene._asdict()
         is_file = scene is None and Path(self.scenario).suffix
         return {
             'scenario': scenario.load(self.scenario).name if is_file else self.scenario,
-            'family': drawn.get('family'),
-            'difficulty': drawn.get('difficulty'),
-            'seed': drawn.get('seed'),
-            'draw': drawn.get('index'),
+            'family': scene and scene.family,
+            'difficulty': scene and scene.difficulty,
+            'seed': scene and scene.seed,
+            'draw': scene and scene.index,
             'controller': _controller_name(self.controller),
             **{name: list(v) if _is_list(v) else v for name, v in self.settings},
             **dict(self.labels),
@@ -180,8 +179,8 @@ def split_settings(
     return changes, by_role
 
 
-def prepare(row: Row, any_car: bool = False, written: str = '{}') -> Setup:
-    """Return the setup of a row; `written` is how the user wrote a setting, for errors.
+def prepare(row: Row, any_car: bool = False, written: Callable[[str], str] = '{}'.format) -> Setup:
+    """Return the setup of a row; `written` says how the user wrote a setting, for errors.
 
     Raises BagError for unusable input, and, unless `any_car`, for a plant that is another car than
     the controller knows.
@@ -190,13 +189,20 @@ def prepare(row: Row, any_car: bool = False, written: str = '{}') -> Setup:
     scn, drawn = load_scenario(row, **changes)
     for role, values in drawn.items():
         settings[role] = {**values, **settings.get(role, {})}
-    origins = {
-        role: {name: written.format(f'{role}.{name}') for name in values}
-        for role, values in settings.items()
-    }
     source = scn.name if row.draw else row.scenario
-    setup = simulation.prepare_scenario(scn, row.controller, settings, source, origins, any_car)
-    return perturb(setup, row.offset)._replace(knows_limit=row.knows_limit)
+    setup = simulation.prepare_scenario(scn, row.controller, settings, source, written, any_car)
+    setup = setup._replace(knows_limit=row.knows_limit)
+    if row.offset == NOMINAL:
+        return setup
+    start, reference = scn.start, scn.reference
+    # a car that starts at standstill still does; the desired speeds change all the same
+    base = start.speed or float(initial_state.start_from_reference(reference).speed)
+    speed = base + row.offset.speed_kph / KPH
+    scn = scn._replace(
+        start=start._replace(speed=speed) if start.speed else start,
+        reference=reference._replace(t=reference.t * (base / speed)),
+    )
+    return setup._replace(scn=scn, friction=setup.friction * row.offset.grip)
 
 
 def load_scenario(
@@ -218,21 +224,6 @@ def load_scenario(
 
 # searches drive the same draws again and again
 _draw = lru_cache(maxsize=256)(families.draw)
-
-
-def perturb(setup: Setup, offset: Offset) -> Setup:
-    """Return a setup with a start offset."""
-    if offset == NOMINAL:
-        return setup
-    start, reference = setup.scn.start, setup.scn.reference
-    # a car that starts at standstill still does; the desired speeds change all the same
-    base = start.speed or float(initial_state.start_from_reference(reference).speed)
-    speed = base + offset.speed_kph / KPH
-    scn = setup.scn._replace(
-        start=start._replace(speed=speed) if start.speed else start,
-        reference=reference._replace(t=reference.t * (base / speed)),
-    )
-    return setup._replace(scn=scn, friction=setup.friction * offset.grip)
 
 
 def key(row: Row) -> str:
@@ -296,8 +287,7 @@ def drive_unchanged(
     Raises BagError where it is another by now: the results would be kept under a false key.
     """
     forget_files()
-    # the program has refused what must not be driven
-    setup = prepare(row, any_car=True)
+    setup = prepare(row, any_car=True)  # the program has refused what must not be driven
     if key(row) != wanted:
         raise BagError(f'{row}: a file of its inputs has {CHANGED}')
     return json.dumps(drive_setup(setup), allow_nan=False)
@@ -311,15 +301,17 @@ def solver_statistics(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """
     solves = [report for report in reports if 'solver.iterations' in report]
     failed = sum(report['solver.status'] != SOLVED for report in solves)
+    values = {'asked': len(solves), 'failed': failed}
+    if not solves:
+        names = ('failed_share', 'iterations_mean', 'iterations_p99', 'iterations_max')
+        return values | dict.fromkeys((*names, 'time_per_iteration_ms'))
     iterations = np.array([report['solver.iterations'] for report in solves], dtype=float)
     time_ms = sum(report['time.solve_cpu_ms'] for report in solves)
-    is_known, total = bool(solves), int(iterations.sum())
     return {
-        'asked': len(solves),
-        'failed': failed,
-        'failed_share': failed / len(solves) if is_known else None,
-        'iterations_mean': float(iterations.mean()) if is_known else None,
-        'iterations_p99': float(np.percentile(iterations, 99)) if is_known else None,
-        'iterations_max': int(iterations.max()) if is_known else None,
-        'time_per_iteration_ms': time_ms / total if total else None,
+        **values,
+        'failed_share': failed / len(solves),
+        'iterations_mean': float(iterations.mean()),
+        'iterations_p99': float(np.percentile(iterations, 99)),
+        'iterations_max': int(iterations.max()),
+        'time_per_iteration_ms': time_ms / int(iterations.sum()) if iterations.sum() else None,
     }

@@ -54,12 +54,7 @@ def build_table(outcomes: Sequence[tuple[str, Outcome]]) -> Table:
     for run, outcome in outcomes:
         expectation = outcome.expectation
         verdict = Text('as expected', 'green') if outcome.is_met else Text('NOT MET', 'bold red')
-        row = (run, expectation.metric, expectation.describe(), _shown(outcome.measured))
-        table.add_row(*row, verdict)
+        value, words = outcome.measured, {True: 'yes', False: 'no', None: '–'}
+        text = words[value] if isinstance(value, bool | None) else f'{value:.3g}'
+        table.add_row(run, expectation.metric, expectation.describe(), text, verdict)
     return table
-
-
-def _shown(value):
-    if value is None:
-        return '–'
-    return {True: 'yes', False: 'no'}[value] if isinstance(value, bool) else f'{value:.3g}'

@@ -8,9 +8,10 @@ them, then `error`, then its results.
 import importlib.util
 import json
 import os
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from bags.command_line import print_text
 from bags.errors import BagError
@@ -31,23 +32,6 @@ ORDER = {
 }
 
 
-class Driven(NamedTuple):
-    """The rows that have ended, as they are in the table, and what became of them."""
-
-    rows: Sequence[Mapping[str, Any]]
-    kept: int  # rows that had been driven before
-    failed: int
-    table: Path
-
-
-def check_format() -> None:
-    """Raise BagError where the table could not be written: before hours of drives, not after."""
-    if importlib.util.find_spec('pyarrow') is None:
-        raise BagError(
-            f'{TABLE} needs the package pyarrow, which is not installed; pip install pyarrow'
-        )
-
-
 def run_rows(
     rows: Sequence[Row],
     folder: Path,
@@ -56,15 +40,21 @@ def run_rows(
     limit_s: float,
     notes: Mapping[str, str],
     drive: Callable[[Setup], dict[str, Any]] = drive_row.drive,
-) -> Driven:
-    """Drive each row that has no record in `folder` once, and write the table of all.
+) -> list[dict[str, Any]]:
+    """Drive each row that has no record in `folder` once; return the lines of the table of all.
 
     A row that raises, ends its process or takes longer than `limit_s` [s] of wall time costs its
     line of the table, which says why; the next call tries it again. `notes` are metadata of the
     table, `drive` is what the processes call. Raises BagError for a row that cannot be prepared,
-    or while another program writes the records, and KeyboardInterrupt after the table of the rows
-    so far was written.
+    without the package that writes tables, or while another program writes the records, and
+    KeyboardInterrupt after the table of the rows so far was written.
     """
+    begin_s = time.monotonic()
+    # before hours of drives, not after
+    if importlib.util.find_spec('pyarrow') is None:
+        raise BagError(
+            f'{TABLE} needs the package pyarrow, which is not installed; pip install pyarrow'
+        )
     drive_row.forget_files()
     errors: dict[str, str] = {}  # by key
     interrupted = False
@@ -101,7 +91,12 @@ def run_rows(
         raise KeyboardInterrupt(
             f'{len(lines) - failed:,} of {len(rows):,} drives are kept; the same command goes on'
         ) from None
-    return Driven(lines, kept, failed, table)
+    print_text(
+        progress.console,
+        f'{len(lines):,} drives: {kept:,} were kept, {failed:,} failed; '
+        f'{time.monotonic() - begin_s:.1f} s; {table}',
+    )
+    return lines
 
 
 def _lines(ended):

@@ -95,17 +95,21 @@ def drive_many(
     Raises BagError as `drive`, and for an empty list.
     """
     plants = [None] if plant is None else _listed(plant, 'plant')
+    if isinstance(settings, Mapping):
+        values = [_listed(choices, f'settings: {name}') for name, choices in settings.items()]
+        settings = [dict(zip(settings, chosen)) for chosen in product(*values)]
     tasks = [
         _Task(road, driver, _with_plant(chosen, car), any_car)
         for road, driver, chosen, car in product(
             _listed(scenario, 'scenario'),
             _listed(controller, 'controller'),
-            _combinations(settings),
+            _listed(settings, 'settings'),
             plants,
         )
     ]
     _check_problems(tasks)
-    varied = _varied(tasks)
+    names, missing = dict.fromkeys(name for task in tasks for name in task.settings), object()
+    varied = [n for n in names if len({repr(t.settings.get(n, missing)) for t in tasks}) > 1]
     several_roads = len({task.setup.scn.name for task in tasks}) > 1
     labels = [task.label(varied, several_roads) for task in tasks]
     columns = _simulate_all([task.setup for task in tasks], jobs)
@@ -120,13 +124,9 @@ class _Task:
         for name in drive_row.CHANGES.keys() & self.settings.keys():
             drive_row.check_scenario_setting(name, self.settings[name], _written(name))
         changes, by_role = drive_row.split_settings(self.settings)
-        origins = {
-            role: {name: _written(f'{role}.{name}') for name in values}
-            for role, values in by_role.items()
-        }
         scn, source = _load(scenario, changes)
         self.setup = simulation.prepare_scenario(
-            scn, os.fspath(controller), by_role, source, origins, any_car
+            scn, os.fspath(controller), by_role, source, _written, any_car
         )
         self.problem = self.setup.params, self.setup.vehicle, os.fspath(controller)
 
@@ -135,7 +135,8 @@ class _Task:
         chosen = {name: self.settings[name] for name in shown if name in self.settings}
         ends = [name.rpartition('.')[2] for name in chosen]
         texts = [
-            f'{end if ends.count(end) == 1 else name}={_short(value)}'
+            f'{end if ends.count(end) == 1 else name}='
+            + (f'{value:g}' if isinstance(value, float) else str(value))
             for end, (name, value) in zip(ends, chosen.items())
         ]
         road = [f'in {self.setup.scn.name}'] if with_scenario else []
@@ -143,10 +144,8 @@ class _Task:
 
     def run_of(self, columns: Mapping[str, Columns], label: str) -> Run:
         """Return the run of the columns that the simulation gave."""
-        setup = self.setup
-        source = f'{setup.controller} in {setup.scn.name}'
-        info = simulation.run_info(setup)
-        return Run(columns, source, info, label, self.settings)
+        source = f'{self.setup.controller} in {self.setup.scn.name}'
+        return Run(columns, source, simulation.run_info(self.setup), label, self.settings)
 
 
 def _check_problems(tasks: Iterable[_Task]) -> None:
@@ -193,44 +192,24 @@ def _written(name: str) -> str:
 def _with_plant(settings, plant) -> dict[str, Any]:
     if not isinstance(settings, Mapping):
         raise BagError(f'settings: must be a mapping of names to values, is {settings!r}')
-    return {**settings} if plant is None else {**settings, PLANT_FILE: _plant_file(plant)}
-
-
-def _plant_file(plant) -> str:
-    """Return a path, or the file in vehicle_plant/config of a name without an ending."""
-    given = os.fspath(plant)
-    shipped = share.path('vehicle_plant', 'config')
-    is_name = os.sep not in given and (shipped / f'{given}.yaml').is_file()
-    return f'{given}.yaml' if is_name else given
-
-
-def _combinations(settings) -> list[Mapping[str, Any]]:
-    """Return the settings of each drive. Raises BagError."""
-    if not isinstance(settings, Mapping):
-        return _listed(settings, 'settings')
-    values = [_listed(choices, f'settings: {name}') for name, choices in settings.items()]
-    return [dict(zip(settings, chosen)) for chosen in product(*values)]
+    if plant is None:
+        return {**settings}
+    file, shipped = os.fspath(plant), share.path('vehicle_plant', 'config')
+    if os.sep not in file and (shipped / f'{file}.yaml').is_file():
+        file = f'{file}.yaml'  # of a name without an ending
+    return {**settings, PLANT_FILE: file}
 
 
 def _listed(given, name) -> list:
     """Return the elements of a list, or the one thing that is given."""
     if isinstance(given, np.ndarray):
         given = given.tolist()
-    # a Scenario is a tuple
-    is_single = isinstance(given, str | os.PathLike | Mapping | Scenario) or not isinstance(
-        given, Iterable
-    )
-    chosen = [given] if is_single else list(given)
+    single = str | os.PathLike | Mapping | Scenario  # a Scenario is a tuple
+    is_list = isinstance(given, Iterable) and not isinstance(given, single)
+    chosen = list(given) if is_list else [given]
     if not chosen:
         raise BagError(f'{name}: is an empty list; allowed at least one')
     return chosen
-
-
-def _varied(tasks) -> list[str]:
-    """Return the settings that are not the same in all tasks, in their order."""
-    names = dict.fromkeys(name for task in tasks for name in task.settings)
-    missing = object()
-    return [n for n in names if len({repr(t.settings.get(n, missing)) for t in tasks}) > 1]
 
 
 def _plain(value: Any) -> Any:
@@ -244,8 +223,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(member) for member in value]
     return value
-
-
-def _short(value) -> str:
-    """Return a value of a setting in a label."""
-    return f'{value:g}' if isinstance(value, float) else str(value)

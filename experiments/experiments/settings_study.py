@@ -13,7 +13,6 @@ level. It holds when the claim holds in most of its five starts, and is undeterm
 disagree, or when one of them does not tell: a car is not at P2, or does not brake.
 """
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -39,39 +38,6 @@ class Study(NamedTuple):
 
     rules: dict[str, Any]
     drives: pd.DataFrame  # by arm, setting and perturbation
-
-
-class Share(NamedTuple):
-    """A claim from one version of the baseline; intervals are of 95 %."""
-
-    baseline: str
-    claim: str
-    holds: int  # settings
-    settings: int
-    low: float  # of the share of settings, Wilson's
-    high: float
-    low_if_none: float  # the same where what is undetermined does not hold
-    high_if_none: float
-    low_if_all: float  # the same where it does
-    high_if_all: float
-    undetermined: int  # settings
-    silent: int  # of these with a start that does not tell
-    median: float  # difference in the paper's direction, NaN of a claim without one
-    median_low: float  # percentile bootstrap
-    median_high: float
-    verdict: str
-
-
-class Braking(NamedTuple):
-    """Who brakes hard before obstacle 2 in the undisturbed drives of the settings at P3."""
-
-    baseline: str
-    settings: int
-    both: int
-    earlier: int  # the MPCC, by the distance of the claim
-    later: int
-    mpcc_alone: int
-    baseline_alone: int
 
 
 def read(folder: Path) -> Study:
@@ -106,8 +72,16 @@ def _avoids(drives):
     return drives['completed'] & ~drives['lost'] & (gaps > 0.0).all(axis=1)
 
 
-def shares(study: Study) -> Iterator[Share]:
-    """Yield every claim at its level, from each version of the baseline."""
+def shares(study: Study) -> pd.DataFrame:
+    """Return every claim at its level, from each version of the baseline; intervals are of 95 %.
+
+    low, high        Wilson's, of the share of settings in which the claim holds
+    low_if_none ...  the same where what is undetermined does not hold, and where it does (if_all)
+    undetermined     settings; silent: of these with a start that does not tell
+    median           difference in the paper's direction with its percentile bootstrap interval, NaN
+                     of a claim without one
+    """
+    rows = []
     for baseline in (MATCHED, LINEAGE):
         mpcc, other = (study.drives.loc[arm] for arm in (MPCC, baseline))
         mpcc = mpcc.loc[other.index]
@@ -117,7 +91,8 @@ def shares(study: Study) -> Iterator[Share]:
             counted = reaching(study, baseline, study.rules['primaries'][claim]['level'])
             starts = pd.DataFrame({'difference': differences[claim], 'holds': holds[claim]})
             starts = starts.where(tells).loc[counted].groupby('setting')
-            yield _share(baseline, claim, starts, study.rules['decision'])
+            rows.append(_share(baseline, claim, starts, study.rules['decision']))
+    return pd.DataFrame(rows)
 
 
 def _judge(rules, mpcc, other):
@@ -173,12 +148,22 @@ def _share(baseline, claim, starts, rule):
         verdict = 'not reproduced'
     elif if_none[0] > rule['rare_below'] and if_all[1] < rule['holds_from']:
         verdict = 'in part'
-    return Share(
-        *(baseline, claim, int(counts[0]), len(holds), *share, *if_none, *if_all),
-        *(int(undetermined.sum()), int(silent.sum())),
-        *_median(starts['difference'].median().dropna().to_numpy()),
-        verdict,
-    )
+    median, median_low, median_high = _median(starts['difference'].median().dropna().to_numpy())
+    return {
+        'baseline': baseline,
+        'claim': claim,
+        'holds': int(counts[0]),
+        'settings': len(holds),
+        **dict(zip(('low', 'high'), share)),
+        **dict(zip(('low_if_none', 'high_if_none'), if_none)),
+        **dict(zip(('low_if_all', 'high_if_all'), if_all)),
+        'undetermined': int(undetermined.sum()),
+        'silent': int(silent.sum()),
+        'median': median,
+        'median_low': median_low,
+        'median_high': median_high,
+        'verdict': verdict,
+    }
 
 
 def _median(differences):
@@ -198,8 +183,12 @@ def _median(differences):
     return float(np.median(differences)), *map(float, resampled.confidence_interval)
 
 
-def braking(study: Study) -> Iterator[Braking]:
-    """Yield who brakes, from each version of the baseline."""
+def braking(study: Study) -> pd.DataFrame:
+    """Return who brakes hard before obstacle 2 in the undisturbed drives of the settings at P3.
+
+    Of both the MPCC brakes earlier or later by the distance of the claim.
+    """
+    names, rows = ('both', 'earlier', 'later', 'mpcc_alone', 'baseline_alone'), []
     onsets = study.drives[ONSET].xs(0, level='perturbation').unstack('arm')
     lead = study.rules['primaries']['brake_onset']['earlier_m']
     for baseline in (MATCHED, LINEAGE):
@@ -207,4 +196,6 @@ def braking(study: Study) -> Iterator[Braking]:
         mpcc, other = own[MPCC].notna(), own[baseline].notna()
         earlier = own[baseline] - own[MPCC]
         conditions = mpcc & other, earlier >= lead, earlier <= -lead, mpcc & ~other, ~mpcc & other
-        yield Braking(baseline, len(own), *(int(values.sum()) for values in conditions))
+        sums = {name: int(values.sum()) for name, values in zip(names, conditions)}
+        rows.append({'baseline': baseline, 'settings': len(own), **sums})
+    return pd.DataFrame(rows)

@@ -83,13 +83,12 @@ def prepare_scenario(
     controller: str,
     settings: Mapping[str, Mapping[str, Any]] = node_config.NO_OVERRIDES,
     source: str = '',
-    origins: Mapping[str, Mapping[str, str]] = node_config.NO_OVERRIDES,
+    written: Callable[[str], str] = '--set {}'.format,
     any_car: bool = False,
 ) -> Setup:
     """Return the setup of a loaded scenario, as `prepare`.
 
-    For errors: `source` is the file of the scenario, `origins` say by role and name how the caller
-    wrote a setting; without one it is `--set`.
+    For errors: `source` is the file of the scenario, `written` says how the caller wrote a setting.
     """
     for name in settings.get('plant', ()):
         if name not in PLANT_SETTINGS and not name.startswith(inputs.PLANT_CAR):
@@ -97,6 +96,10 @@ def prepare_scenario(
             raise BagError(f'plant.{name} has no effect in process; allowed are {allowed}')
     chosen = node_config.find_controller(controller)
     facts, unused = inputs.scenario_facts(scn, source or scn.name), Path()
+    origins = {
+        role: {name: written(f'{role}.{name}') for name in values}
+        for role, values in settings.items()
+    }
     nodes = node_config.build_nodes(facts, chosen, 'lockstep', unused, unused, settings, origins)
     checked = inputs.check_parameters(nodes)
     if not any_car:
@@ -131,10 +134,7 @@ def run(
         patches=road_friction.patch_array(*scn.patches),
     )
     plant_side = LockstepStepper(car, RunEnd(inputs.stop_params(scn), car.now))
-    controller = Controller(setup.params, setup.vehicle)
-    controller.reset(car.actuators)
-    controller.set_reference(conversions.reference_as_received(scn.reference))
-    controller.set_edges(scn.edges)
+    controller = make_controller(setup, car)
     tracks, obstacles, commands, plans, reports = [car.now], [], [], [], []
     while True:
         t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S
@@ -161,6 +161,15 @@ def run(
         received = [conversions.prediction_as_received(plan) for plan in plans]
         values['/controller/prediction'] = received
     return build_columns(join_trajectories(tracks), commands, values)
+
+
+def make_controller(setup: Setup, car: Simulator) -> Controller:
+    """Return the controller of a setup, which knows the road and begins at the car's actuators."""
+    controller = Controller(setup.params, setup.vehicle)
+    controller.reset(car.actuators)
+    controller.set_reference(conversions.reference_as_received(setup.scn.reference))
+    controller.set_edges(setup.scn.edges)
+    return controller
 
 
 def run_info(setup: Setup) -> dict[str, str]:
@@ -212,24 +221,17 @@ def build_columns(
         '/vehicle/wheels': slow.wheel_columns(),
         '/controller/command': tuple(map(np.array, zip(*commands))),
     }
-    return {
-        **{topic: _table(topic, fields, zero_ns) for topic, fields in tables.items()},
-        **{topic: _values(rows, zero_ns) for topic, rows in values.items()},
-    }
+    built = {}
+    for topic, (stamp_ns, *fields) in tables.items():
+        # fields of messages and columns after the time have the same order
+        arrays = [np.ascontiguousarray(column, float) for column in fields]
+        named = dict(zip(columns.names(topic)[2:], arrays, strict=True))
+        built[topic] = _columns(stamp_ns, zero_ns, **named)
+    for topic, rows in values.items():
+        built[topic] = _columns([row.stamp_ns for row in rows], zero_ns, values=tuple(rows))
+    return built
 
 
-def _table(topic, fields, zero_ns):
-    """Return a table; fields of messages and columns after the time have the same order."""
-    stamp_ns, *values = fields
-    values = [np.ascontiguousarray(column, float) for column in values]
-    named = dict(zip(columns.names(topic)[2:], values, strict=True))
-    return Columns(np.asarray(stamp_ns, np.int64), _seconds(stamp_ns, zero_ns), **named)
-
-
-def _values(rows, zero_ns):
-    stamp_ns = np.array([row.stamp_ns for row in rows], dtype=np.int64)
-    return Columns(stamp_ns, _seconds(stamp_ns, zero_ns), values=tuple(rows))
-
-
-def _seconds(stamp_ns, zero_ns):
-    return (stamp_ns - zero_ns) / NS_PER_S
+def _columns(stamp_ns, zero_ns, **fields):
+    stamp_ns = np.asarray(stamp_ns, dtype=np.int64)
+    return Columns(stamp_ns, (stamp_ns - zero_ns) / NS_PER_S, **fields)

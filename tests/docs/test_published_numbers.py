@@ -23,7 +23,8 @@ def study():
 
 @pytest.fixture(scope='module')
 def shares(study):
-    return {(share.baseline, share.claim): share for share in settings_study.shares(study)}
+    rows = settings_study.shares(study).itertuples()
+    return {(share.baseline, share.claim): share for share in rows}
 
 
 def test_readme_says_what_was_fixed_beforehand_and_what_the_drives_show(study, shares):
@@ -80,7 +81,7 @@ def test_results_have_every_median_of_mpcc_less_baseline(shares, claim, unit, si
 
 
 def test_results_have_who_brakes_later_and_who_alone(study):
-    matched, lineage = settings_study.braking(study)
+    matched, lineage = settings_study.braking(study).itertuples()
     assert (matched.baseline, lineage.baseline) == (MATCHED, LINEAGE)
     assert (
         f'10 m *later* in {matched.later} of the {matched.both} and earlier in {matched.earlier}; '

@@ -207,10 +207,10 @@ def draw_of(name, distribution, **more):
     ('given', 'expected'),
     [
         ({'schema': 2}, 'schema: ... allowed 1'),
-        ({'schema': None}, 'schema: is missing'),
+        ({'schema': None}, "key 'schema' is missing"),
         ({'scenarios': None}, 'scenarios: is missing'),
-        ({'controllers': None}, 'controllers: is missing'),
-        ({'run': 3}, "run: ... did you mean 'runs'?; allowed schema, scenarios"),
+        ({'controllers': None}, "key 'controllers' is missing"),
+        ({'run': 3}, "run: ... did you mean 'runs'?; allowed schema, controllers, scenarios"),
         ({'scenarios': 'straight'}, 'scenarios: must be a list'),
         ({'scenarios': []}, 'scenarios: ... at least one'),
         ({'scenarios': ['straight', 3]}, 'scenarios[1]: ... a name or a file'),

@@ -13,7 +13,6 @@ from msgs_yaml.types import WHEELS
 from node_runtime.parameters import ParameterError
 from vehicle_plant import integrator, road_friction
 from vehicle_plant.initial_state import Start, rolling_state
-from vehicle_plant.parameters import FrictionPatchParams
 from vehicle_plant.simulator import Simulator
 
 SQUARE = [0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0]
@@ -162,7 +161,7 @@ def test_sixteen_patches_are_sixteen(params):
 )
 def test_map_that_makes_no_sense_is_refused(corners, friction, message):
     with pytest.raises(ParameterError, match=f'patches: .*{message}'):
-        road_friction.patches_from_parameters(FrictionPatchParams(tuple(corners), tuple(friction)))
+        road_friction.patch_array(corners, friction)
 
 
 def test_parameters_of_the_node_take_the_flat_arrays_of_the_manual():
@@ -173,6 +172,3 @@ def test_parameters_of_the_node_take_the_flat_arrays_of_the_manual():
     )
     assert friction_at(50.0, 1.0, corners, friction) == 0.3
     assert friction_at(50.0, -1.0, corners, friction) == 1.0
-    patches = road_friction.patches_from_parameters(FrictionPatchParams(corners, friction))
-    assert np.array_equal(patches, road_friction.patch_array(corners, friction))
-    assert len(road_friction.patches_from_parameters(FrictionPatchParams((), ()))) == 0

@@ -209,3 +209,14 @@ def actuator_limits(car: Car) -> ActuatorLimits:
         drive_n=drive_n,
         force_rate_nps=min(front.rate_nps, rear.rate_nps),
     )
+
+
+def split_drive_force(car: Car, force: float) -> tuple[float, float]:
+    """Return front and rear axle force [N], shared as the engine can drive them.
+
+    Raises ValueError for a car without an engine.
+    """
+    front, rear = car.force.front.drive_n, car.force.rear.drive_n
+    if not front + rear:
+        raise ValueError('the car has no engine: force.front.drive_n and force.rear.drive_n are 0')
+    return force * front / (front + rear), force * rear / (front + rear)

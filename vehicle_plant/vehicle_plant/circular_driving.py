@@ -6,9 +6,10 @@ import numpy as np
 
 from msgs_yaml.types import Command
 from node_runtime.parameters import Choice, Range, Struct
+from vehicle_plant.car import split_drive_force
 from vehicle_plant.initial_state import Start
 from vehicle_plant.parameters import PlantParams
-from vehicle_plant.simulator import TICK_NS, RefusedError, Simulator
+from vehicle_plant.simulator import TICK_NS, Simulator
 from vehicle_plant.state import Trajectory, join_trajectories
 
 
@@ -56,7 +57,6 @@ def drive(plant: PlantParams, friction: float, circle: CircleParams) -> Trajecto
     initial_speed = float(np.sqrt(0.1 * STANDARD_GRAVITY * circle.radius_m))
     speed = circle.speed_mps if is_constant_speed else initial_speed
     car = Simulator(plant, friction, Start(0.0, 0.0, 0.0, speed))
-    rear_share = rear_drive_share(plant)
     tick_s = TICK_NS / 1e9
     rows = []
     for tick in range(round(circle.longest_s / tick_s)):
@@ -70,10 +70,10 @@ def drive(plant: PlantParams, friction: float, circle: CircleParams) -> Trajecto
             steer += circle.curvature_gain_radpm * TICK_NS / 1e9 * curvature_error
             steer = float(np.clip(steer, -steer_limit, steer_limit))
         force = circle.speed_gain_nspm * (speed - state.vx)
-        forces = force * (1 - rear_share), force * rear_share
         try:
+            forces = split_drive_force(plant.car, force)
             car.follow(Command(state.stamp_ns, steer, steer_rate, *forces))
-        except RefusedError as error:
+        except ValueError as error:  # no engine, or the gate refuses the command
             raise CircleError(str(error)) from None
         rows.append(car.now)
         front, _ = axle_points(rows[-1], plant)
@@ -81,14 +81,6 @@ def drive(plant: PlantParams, friction: float, circle: CircleParams) -> Trajecto
             turning = [row for i, row in enumerate(rows) if i * tick_s >= circle.settle_s]
             return join_trajectories(turning)
     raise CircleError(f'front slip {abs(front.alpha[-1]):.3f} rad after {circle.longest_s} s')
-
-
-def rear_drive_share(plant: PlantParams) -> float:
-    """Return the share of the rear axle in the drive force. Raises CircleError without any."""
-    force = plant.car.force
-    if not force.front.drive_n + force.rear.drive_n:
-        raise CircleError('the car has no engine: force.front.drive_n and force.rear.drive_n are 0')
-    return force.rear.drive_n / (force.front.drive_n + force.rear.drive_n)
 
 
 def axle_points(trajectory: Trajectory, plant: PlantParams) -> tuple[AxlePoints, AxlePoints]:

@@ -38,7 +38,8 @@ class PlantNode(ManagedNode):
     def configure(self):
         """Load the files that the parameters name, compile the car if need be, join the graph."""
         self.plant = parameters.plant_params(self.params)
-        self.patches = road_friction.patches_from_parameters(self.params.patches)
+        patches = self.params.patches
+        self.patches = road_friction.patch_array(patches.corners_m, patches.friction)
         try:
             # compiles, if need be, before time starts
             integrator.library(model_of(self.plant))

@@ -19,7 +19,7 @@ import numpy as np
 from node_runtime import named_vector
 from node_runtime.parameters import ParameterError
 from vehicle_plant import suspension
-from vehicle_plant.parameters import FrictionPatchParams, PlantParams
+from vehicle_plant.parameters import PlantParams
 from vehicle_plant.state import PerWheel, State
 
 MAX_PATCHES = 16
@@ -32,21 +32,21 @@ _SHORTEST_EDGE_M = 1e-3
 def patch_array(corners_m: Sequence[float], friction: Sequence[float]) -> np.ndarray:
     """Return the patches as the plant takes them, (k, 13), k = 0 for none.
 
-    Each row has four half-planes n_x X + n_y Y <= offset and the friction. Raises ValueError that
-    names the patch when there are more than 16, the arrays do not fit, a friction is not positive,
-    or a quadrilateral is not convex or has an edge below 1 mm.
+    Each row has four half-planes n_x X + n_y Y <= offset and the friction. Raises ParameterError,
+    which names the patch, when there are more than 16, the arrays do not fit, a friction is not
+    positive, or a quadrilateral is not convex or has an edge below 1 mm.
     """
     corners, values = np.asarray(corners_m, dtype=float), np.asarray(friction, dtype=float)
     if corners.size != 2 * _CORNERS * values.size:
-        raise ValueError(
+        raise ParameterError(
             f'patches: corners_m has {corners.size} numbers, '
             f'{2 * _CORNERS} per friction are {2 * _CORNERS * values.size}'
         )
     if values.size > MAX_PATCHES:
-        raise ValueError(f'patches: {values.size} of them, allowed are {MAX_PATCHES}')
+        raise ParameterError(f'patches: {values.size} of them, allowed are {MAX_PATCHES}')
     for i, mu in enumerate(values):
         if not 0.0 < mu < np.inf:
-            raise ValueError(
+            raise ParameterError(
                 f'patches: friction of patch {i} is {mu}, allowed are positive numbers'
             )
     planes = [_half_planes(quad, i) for i, quad in enumerate(corners.reshape(-1, _CORNERS, 2))]
@@ -54,23 +54,15 @@ def patch_array(corners_m: Sequence[float], friction: Sequence[float]) -> np.nda
     return np.array(rows).reshape(-1, _SIZE)
 
 
-def patches_from_parameters(p: FrictionPatchParams) -> np.ndarray:
-    """Return the patches of the node's parameters as `patch_array`. Raises ParameterError."""
-    try:
-        return patch_array(p.corners_m, p.friction)
-    except ValueError as error:
-        raise ParameterError(str(error)) from None
-
-
 def _half_planes(quad, i):
     if not np.isfinite(quad).all():
-        raise ValueError(f'patches: a corner of patch {i} is not finite')
+        raise ParameterError(f'patches: a corner of patch {i} is not finite')
     edges = np.roll(quad, -1, axis=0) - quad
     lengths = np.hypot(*edges.T)
     turns = edges[:, 0] * np.roll(edges[:, 1], -1) - edges[:, 1] * np.roll(edges[:, 0], -1)
     # a bow tie has turns of both signs
     if lengths.min() < _SHORTEST_EDGE_M or not (abs(np.sign(turns).sum()) == _CORNERS):
-        raise ValueError(f'patches: patch {i} is not a convex quadrilateral: {quad.tolist()}')
+        raise ParameterError(f'patches: patch {i} is not a convex quadrilateral: {quad.tolist()}')
     outward = np.sign(turns[0]) * np.column_stack([edges[:, 1], -edges[:, 0]]) / lengths[:, None]
     return np.column_stack([outward, (outward * quad).sum(axis=1)])
 

@@ -8,7 +8,6 @@ The body and the width of a wheel are for the eye: the car file has neither.
 
 import math
 from typing import NamedTuple
-from xml.etree import ElementTree
 
 from msgs_yaml import contract
 from vehicle_plant.car import Car
@@ -50,70 +49,45 @@ def urdf(car: Car, name: str = 'car') -> str:
 
     Mass and inertias are those of the whole car, in `body`; the collision shape is the outline.
     """
-    robot = ElementTree.Element('robot', name=name)
-    for material, rgba in COLOURS.items():
-        element = ElementTree.SubElement(robot, 'material', name=material)
-        ElementTree.SubElement(element, 'color', rgba=rgba)
-    ElementTree.SubElement(robot, 'link', name=BASE)
-    for frame in frames(car):
-        link = ElementTree.SubElement(robot, 'link', name=frame.name)
-        if frame.name == BODY:
-            _fill_body(link, car)
-        else:
-            _fill_wheel(link, car)
-        _add_joint(robot, frame, car)
-    ElementTree.indent(robot)
-    return f'<?xml version="1.0"?>\n{ElementTree.tostring(robot, encoding="unicode")}\n'
-
-
-def _fill_body(link, car):
-    body, outline = car.body, car.outline
-    inertial = ElementTree.SubElement(link, 'inertial')
-    ElementTree.SubElement(inertial, 'mass', value=_numbers(body.mass_kg))
-    moments = body.roll_inertia_kgm2, body.pitch_inertia_kgm2, body.yaw_inertia_kgm2
-    inertia = {'ixy': '0', 'ixz': '0', 'iyz': '0'}
-    inertia |= {axis: _numbers(value) for axis, value in zip(('ixx', 'iyy', 'izz'), moments)}
-    ElementTree.SubElement(inertial, 'inertia', inertia)
+    body, outline, steering = car.body, car.outline, car.steering
     nose = body.cog_to_front_m + outline.front_overhang_m
     tail = -body.cog_to_rear_m - outline.rear_overhang_m
-    size = nose - tail, outline.width_m, BODY_HEIGHT_M - CLEARANCE_M
     centre = (nose + tail) / 2, 0.0, (BODY_HEIGHT_M + CLEARANCE_M) / 2 - body.cog_height_m
-    for kind in ('visual', 'collision'):
-        shape = ElementTree.SubElement(link, kind)
-        ElementTree.SubElement(shape, 'origin', xyz=_numbers(*centre))
-        geometry = ElementTree.SubElement(shape, 'geometry')
-        ElementTree.SubElement(geometry, 'box', size=_numbers(*size))
-    ElementTree.SubElement(link.find('visual'), 'material', name=PAINT)
-
-
-def _fill_wheel(link, car):
-    shape = ElementTree.SubElement(link, 'visual')
+    box = f"""<origin xyz="{_numbers(*centre)}"/><geometry>
+      <box size="{_numbers(nose - tail, outline.width_m, BODY_HEIGHT_M - CLEARANCE_M)}"/>
+    </geometry>"""
+    body_link = f"""<inertial>
+      <mass value="{body.mass_kg:.9g}"/>
+      <inertia ixx="{body.roll_inertia_kgm2:.9g}" iyy="{body.pitch_inertia_kgm2:.9g}"
+               izz="{body.yaw_inertia_kgm2:.9g}" ixy="0" ixz="0" iyz="0"/>
+    </inertial>
+    <visual>{box}<material name="{PAINT}"/></visual>
+    <collision>{box}</collision>"""
     # the axis of a URDF cylinder is z, that of a wheel is y
-    ElementTree.SubElement(shape, 'origin', xyz='0 0 0', rpy=_numbers(math.pi / 2, 0.0, 0.0))
-    geometry = ElementTree.SubElement(shape, 'geometry')
-    size = {'radius': _numbers(car.wheel.radius_m), 'length': _numbers(TYRE_WIDTH_M)}
-    ElementTree.SubElement(geometry, 'cylinder', size)
-    ElementTree.SubElement(shape, 'material', name=RUBBER)
-
-
-def _add_joint(robot, frame, car):
-    name = f'{frame.name}_mount'
-    if frame.is_steered:
-        name = STEER if frame.name.startswith('fl') else MIMIC
-    kind = 'revolute' if frame.is_steered else 'fixed'
-    joint = ElementTree.SubElement(robot, 'joint', name=name, type=kind)
-    ElementTree.SubElement(joint, 'parent', link=BASE)
-    ElementTree.SubElement(joint, 'child', link=frame.name)
-    ElementTree.SubElement(joint, 'origin', xyz=_numbers(frame.x, frame.y, frame.z))
-    if not frame.is_steered:
-        return
-    ElementTree.SubElement(joint, 'axis', xyz='0 0 1')
-    angle, rate = car.steering.limit_rad, car.steering.rate_radps
-    limits = {'lower': -angle, 'upper': angle, 'velocity': rate, 'effort': 0.0}
-    limits = {key: _numbers(value) for key, value in limits.items()}
-    ElementTree.SubElement(joint, 'limit', limits)
-    if name == MIMIC:
-        ElementTree.SubElement(joint, 'mimic', joint=STEER)
+    wheel_link = f"""<visual><origin xyz="0 0 0" rpy="{_numbers(math.pi / 2, 0.0, 0.0)}"/>
+      <geometry><cylinder radius="{car.wheel.radius_m:.9g}" length="{TYRE_WIDTH_M}"/></geometry>
+      <material name="{RUBBER}"/>
+    </visual>"""
+    limit = f"""<limit lower="{-steering.limit_rad:.9g}" upper="{steering.limit_rad:.9g}"
+           velocity="{steering.rate_radps:.9g}" effort="0"/>"""
+    parts = [f'<material name="{m}"><color rgba="{c}"/></material>' for m, c in COLOURS.items()]
+    parts.append(f'<link name="{BASE}"/>')
+    for frame in frames(car):
+        link = body_link if frame.name == BODY else wheel_link
+        joint, kind, turn = f'{frame.name}_mount', 'fixed', ''
+        if frame.is_steered:
+            kind, turn = 'revolute', f'<axis xyz="0 0 1"/>{limit}'
+            joint = STEER if frame.name.startswith('fl') else MIMIC
+            turn += f'<mimic joint="{STEER}"/>' if joint == MIMIC else ''
+        parts += [
+            f'<link name="{frame.name}">{link}</link>',
+            f"""<joint name="{joint}" type="{kind}">
+    <parent link="{BASE}"/><child link="{frame.name}"/>
+    <origin xyz="{_numbers(frame.x, frame.y, frame.z)}"/>{turn}
+  </joint>""",
+        ]
+    content = '\n  '.join(parts)
+    return f'<?xml version="1.0"?>\n<robot name="{name}">\n  {content}\n</robot>\n'
 
 
 def _numbers(*values):

@@ -19,76 +19,36 @@ from msgs_yaml.strict_yaml import Item, Range, closest, parse_value
 
 PAIR = tuple[(Annotated[float, Range(-1e300, 1e300, '-')],) * 2]
 MAX_DRAWS = 2**30  # distinct points that 30 bits can tell apart
+MAX_SDS = 8  # beyond, a normal distribution has no probability that is worth a draw
+UNIFORM, LOG_UNIFORM, NORMAL, CHOICE = KINDS = ('uniform', 'log_uniform', 'normal', 'choice')
 
 
-class Uniform(NamedTuple):
-    """Every value from `low` to `high` alike."""
+class Distribution(NamedTuple):
+    """How a value is drawn."""
 
-    low: float
-    high: float
-
-    def value(self, share: float) -> float:
-        """Return the value below which `share`, 0 to 1, of the draws are."""
-        return _between(self.low + share * (self.high - self.low), self)
-
-    def ends(self) -> tuple[float, ...]:
-        """Return the least and the greatest value."""
-        return self.low, self.high
-
-
-class LogUniform(NamedTuple):
-    """Every ratio alike: the logarithm is uniform."""
-
-    low: float
-    high: float
-
-    def value(self, share: float) -> float:
-        """Return the value below which `share`, 0 to 1, of the draws are."""
-        return _between(self.low * (self.high / self.low) ** share, self)
-
-    def ends(self) -> tuple[float, ...]:
-        """Return the least and the greatest value."""
-        return self.low, self.high
-
-
-class Normal(NamedTuple):
-    """The normal distribution, conditioned on `low` to `high`."""
-
-    mean: float
-    sd: float
-    low: float
-    high: float
-
-    def value(self, share: float) -> float:
-        """Return the value below which `share`, 0 to 1, of the draws are."""
-        from scipy.special import ndtr, ndtri
-
-        # on the side of the mean where probabilities are small, and differences of them exact
-        side = -1.0 if self.low > self.mean else 1.0
-        begin, end = (ndtr(side * (edge - self.mean) / self.sd) for edge in (self.low, self.high))
-        score = side * float(ndtri(begin + share * (end - begin)))
-        return _between(self.mean + self.sd * score, self)
-
-    def ends(self) -> tuple[float, ...]:
-        """Return the least and the greatest value."""
-        return self.low, self.high
-
-
-class Choice(NamedTuple):
-    """One of some values, each with the same probability."""
-
-    values: tuple[Any, ...]
+    kind: str  # of KINDS
+    ends: tuple[Any, ...]  # the least and the greatest value; of a choice every value
+    mean: float = 0.0  # of a normal distribution, before it is cut off at its ends
+    sd: float = 1.0  # likewise
 
     def value(self, share: float) -> Any:
-        """Return the value in whose part of the interval 0 to 1 `share` lies."""
-        return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
+        """Return the value below which `share`, 0 to 1, of the draws are."""
+        if self.kind == CHOICE:
+            return self.ends[min(int(share * len(self.ends)), len(self.ends) - 1)]
+        low, high = self.ends
+        if self.kind == UNIFORM:
+            value = low + share * (high - low)
+        elif self.kind == LOG_UNIFORM:
+            value = low * (high / low) ** share
+        else:
+            from scipy.special import ndtr, ndtri
 
-    def ends(self) -> tuple[Any, ...]:
-        """Return all values."""
-        return self.values
-
-
-Distribution = Uniform | LogUniform | Normal | Choice
+            # on the side of the mean where probabilities are small, and differences of them exact
+            side = -1.0 if low > self.mean else 1.0
+            begin, end = (ndtr(side * (edge - self.mean) / self.sd) for edge in self.ends)
+            value = self.mean + self.sd * side * float(ndtri(begin + share * (end - begin)))
+        # rounding may have moved it out of the interval
+        return min(max(value, low), high)
 
 
 def parse(item: Item) -> Distribution:
@@ -97,14 +57,40 @@ def parse(item: Item) -> Distribution:
     Raises YamlError, which names file, line, field and what is allowed.
     """
     members = item.items()
-    names = [name for name in members if name in _PARSERS]
+    names = [name for name in members if name in KINDS]
     for name, member in members.items():
-        if name not in _PARSERS and not (name == 'within' and names == ['normal']):
-            hint = closest(name, _PARSERS)
-            raise member.error(f'is no distribution{hint}; allowed {", ".join(_PARSERS)}')
+        if name not in KINDS and not (name == 'within' and names == [NORMAL]):
+            hint = closest(name, KINDS)
+            raise member.error(f'is no distribution{hint}; allowed {", ".join(KINDS)}')
     if len(names) != 1:
-        raise item.error(f'must have exactly one of {", ".join(_PARSERS)}')
-    return _PARSERS[names[0]](item, members)
+        raise item.error(f'must have exactly one of {", ".join(KINDS)}')
+    (kind,) = names
+    own = members[kind]
+    if kind == CHOICE:
+        values = tuple(element.value() for element in own.elements())
+        for element, value in zip(own.elements(), values):
+            if isinstance(value, dict | list):
+                raise element.error('is no single value; allowed numbers, true, false and words')
+        if not values:
+            raise own.error('is empty; allowed at least one value')
+        return Distribution(kind, values)
+    if kind != NORMAL:
+        low, high = _interval(own)
+        if kind == LOG_UNIFORM and low <= 0.0:
+            raise own.error(f'begins at {low:g}; allowed above 0')
+        return Distribution(kind, (low, high))
+    mean, sd = parse_value(PAIR, own)
+    if sd <= 0.0:
+        raise own.error(f'has the standard deviation {sd:g}; allowed above 0')
+    if 'within' not in members:
+        raise item.error('within is missing; allowed [low, high], where the distribution is cut')
+    low, high = _interval(members['within'])
+    if mean + MAX_SDS * sd < low or mean - MAX_SDS * sd > high:
+        raise members['within'].error(
+            f'is from {low:g} to {high:g}; allowed intervals within {MAX_SDS} standard '
+            f'deviations of the mean {mean:g}'
+        )
+    return Distribution(kind, (low, high), mean, sd)
 
 
 def sample(
@@ -137,58 +123,8 @@ def sample(
     ]
 
 
-def _between(value, ends):
-    """Return a value that rounding may have moved out of the interval, within it."""
-    return min(max(value, ends.low), ends.high)
-
-
 def _interval(item):
     low, high = parse_value(PAIR, item)
     if not low < high:
         raise item.error(f'is from {low:g} to {high:g}; allowed [low, high] with low < high')
     return low, high
-
-
-def _parse_uniform(_, members):
-    return Uniform(*_interval(members['uniform']))
-
-
-def _parse_log_uniform(_, members):
-    low, high = _interval(members['log_uniform'])
-    if low <= 0.0:
-        raise members['log_uniform'].error(f'begins at {low:g}; allowed above 0')
-    return LogUniform(low, high)
-
-
-def _parse_normal(item, members):
-    mean, sd = parse_value(PAIR, members['normal'])
-    if sd <= 0.0:
-        raise members['normal'].error(f'has the standard deviation {sd:g}; allowed above 0')
-    if 'within' not in members:
-        raise item.error('within is missing; allowed [low, high], where the distribution is cut')
-    low, high = _interval(members['within'])
-    if mean + MAX_SDS * sd < low or mean - MAX_SDS * sd > high:
-        raise members['within'].error(
-            f'is from {low:g} to {high:g}; allowed intervals within {MAX_SDS} standard '
-            f'deviations of the mean {mean:g}'
-        )
-    return Normal(mean, sd, low, high)
-
-
-def _parse_choice(_, members):
-    values = tuple(element.value() for element in members['choice'].elements())
-    for element, value in zip(members['choice'].elements(), values):
-        if isinstance(value, dict | list):
-            raise element.error('is no single value; allowed numbers, true, false and words')
-    if not values:
-        raise members['choice'].error('is empty; allowed at least one value')
-    return Choice(values)
-
-
-MAX_SDS = 8  # beyond, a normal distribution has no probability that is worth a draw
-_PARSERS = {
-    'uniform': _parse_uniform,
-    'log_uniform': _parse_log_uniform,
-    'normal': _parse_normal,
-    'choice': _parse_choice,
-}

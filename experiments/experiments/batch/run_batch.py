@@ -1,15 +1,13 @@
 """`experiments batch`: simulate what is missing of a study, and write its table."""
 
-import time
+import argparse
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import pandas
 from rich.console import Console
 from rich.table import Table
 
-from bags.command_line import print_text
 from bags.errors import BagError
 from experiments import code_version, drive_row, row_runner
 from experiments.batch import study_file, study_rows
@@ -24,46 +22,37 @@ SHARES = ('completed', 'collided', 'left_road', 'lost')
 
 
 def run(
-    path: Path,
-    folder: Path,
-    jobs: int,
-    limit_s: float,
+    options: argparse.Namespace,
     console: Console,
-    dask: str = '',
     drive: Callable[[Setup], dict[str, Any]] = drive_row.drive,
 ) -> int:
     """Simulate a study, write the table and show its summary; return 0 when no drive failed.
 
-    folder   of the results
-    jobs     processes
-    limit_s  of wall time for one drive
-    dask     address of a scheduler, whose workers drive in place of `jobs` processes
-    drive    what the processes call
-
-    Raises BagError for a study that cannot be used, and KeyboardInterrupt after the table of the
-    drives so far was written.
+    `options` are those of `experiments batch`; `drive` is what the processes call. Raises BagError
+    for a study that cannot be used, and KeyboardInterrupt after the table of the drives so far was
+    written.
     """
-    begin_s = time.monotonic()
-    row_runner.check_format()
-    study = study_file.load(path)
-    with CountProgress(console) as progress, Pool(jobs, dask, code_version.describe) as pool:
+    study = study_file.load(options.study)
+    with (
+        CountProgress(console) as progress,
+        Pool(options.jobs, options.dask, code_version.describe) as pool,
+    ):
         rows = check_rows(study, pool, progress)
         notes = {'study': study.text}
-        driven = row_runner.run_rows(rows, folder, pool, progress, limit_s, notes, drive)
-    console.print(summarise(driven.rows))
-    print_text(
-        console,
-        f'{len(driven.rows):,} drives: {driven.kept:,} were kept, {driven.failed:,} failed; '
-        f'{time.monotonic() - begin_s:.1f} s; {driven.table}',
-    )
-    return 1 if driven.failed else 0
+        lines = row_runner.run_rows(
+            rows, options.out, pool, progress, options.time_limit_s, notes, drive
+        )
+    console.print(summarise(lines))
+    return 1 if any(line['error'] for line in lines) else 0
 
 
 def check_rows(study: StudyFile, pool: Pool, progress: CountProgress) -> list[Row]:
     """Check every combination of a study and return its rows. Raises BagError."""
     combinations = study_rows.combine(study)
     rows = study_rows.rows_of(study, combinations)
-    words = study_rows.words_drawn(study, rows)
+    names = {drawn.name for drawn in study.drawn}
+    # the drawn settings that are words, each combination of them once
+    words = dict.fromkeys(tuple(pair for pair in row.words if pair[0] in names) for row in rows)
     checked = [
         combination._replace(settings=(*combination.settings, *chosen))
         for combination in combinations
@@ -84,9 +73,9 @@ def check_rows(study: StudyFile, pool: Pool, progress: CountProgress) -> list[Ro
     study_rows.check_drawn(study, combinations)
     for line in dict.fromkeys(line for _, line in sorted(warnings) if line):
         progress.print_line(f'warning: {line}')
-    names: dict[str, str] = {}
+    roads: dict[str, str] = {}
     for road in study.scenarios:
-        other = names.setdefault(scenario.load(road).name, road)
+        other = roads.setdefault(scenario.load(road).name, road)
         if other != road:
             raise BagError(
                 f'{study.path}: scenarios: {other} and {road} have one name, '

@@ -114,40 +114,46 @@ def load(path: Path) -> StudyFile:
 
 
 def _parse(path, root):
-    members = root.items()
-    for name, member in members.items():
-        if name not in FIELDS:
-            raise member.error(f'unknown key{closest(name, FIELDS)}; allowed {", ".join(FIELDS)}')
-    for name in REQUIRED:
-        if name not in members:
-            raise root._replace(key=name).error('is missing')
+    members = root.members(REQUIRED, [name for name in FIELDS if name not in REQUIRED])
     values = {
         name: parse_value(FIELDS[name], member)
         for name, member in members.items()
         if FIELDS[name] is not None
     }
-    settings = members['set'].items().values() if 'set' in members else ()
+    for name in ('scenarios', 'families', 'controllers'):
+        if values.get(name) == ():
+            raise members[name].error('is empty; allowed at least one value')
+    settings = []
+    for item in members['set'].items().values() if 'set' in members else ():
+        elements = item.elements()
+        if not elements:
+            raise item.error('is empty; allowed at least one value')
+        name = _setting_name(item, 'set')
+        settings.append(Setting(name, tuple(_value(name, value) for value in elements), elements))
     drawn = members['draw'].items().values() if 'draw' in members else ()
-    study = StudyFile(
+    drawn = tuple(map(_parse_drawn, drawn))
+    names = {setting.name for setting in settings}
+    for entry in drawn:
+        if entry.name in names:
+            raise entry.item.error('is in set, too; allowed in one of both')
+        names.add(entry.name)
+    if 'families' in members and SCENARIO_SPEED in names:
+        raise members['families'].error(
+            f'draw their own speeds; allowed without {SCENARIO_SPEED} in set and draw'
+        )
+    return StudyFile(
         path,
         path.read_text(encoding='utf-8'),
-        _expand(path.parent, _filled(members['scenarios']), values['scenarios'])
-        if 'scenarios' in members
-        else (),
+        _expand(path.parent, members.get('scenarios'), values.get('scenarios', ())),
         values.get('families', ()),
         values.get('difficulty', NOMINAL),
-        _expand(path.parent, _filled(members['controllers']), values['controllers']),
-        tuple(
-            Setting(name, tuple(_value(name, value) for value in values), values)
-            for name, values in ((_setting_name(item, 'set'), _filled(item)) for item in settings)
-        ),
-        tuple(map(_parse_drawn, drawn)),
+        _expand(path.parent, members['controllers'], values['controllers']),
+        tuple(settings),
+        drawn,
         _draws(root, members, values),
         values.get('runs', 1),
         values.get('seed', SEED),
     )
-    _check_names(study, members)
-    return study
 
 
 def _draws(root, members, values):
@@ -156,9 +162,7 @@ def _draws(root, members, values):
         raise root._replace(key='scenarios').error(
             'is missing; allowed scenarios, families or both'
         )
-    if 'families' in members:
-        _filled(members['families'])
-    elif 'difficulty' in members:
+    if 'difficulty' in members and 'families' not in members:
         raise members['difficulty'].error('has no effect without families')
     if 'draw' in members or 'families' in members:
         if 'draws' not in members:
@@ -172,30 +176,10 @@ def _draws(root, members, values):
     return range(first, first + values.get('draws', 1))
 
 
-def _check_names(study, members):
-    """Refuse names that are both set and drawn, and speeds of families."""
-    names = [setting.name for setting in study.settings]
-    for drawn in study.drawn:
-        if drawn.name in names:
-            raise drawn.item.error('is in set, too; allowed in one of both')
-    if study.families and SCENARIO_SPEED in (*names, *(drawn.name for drawn in study.drawn)):
-        raise members['families'].error(
-            f'draw their own speeds; allowed without {SCENARIO_SPEED} in set and draw'
-        )
-
-
-def _filled(item) -> Sequence[Item]:
-    """Return the elements of a list that must not be empty."""
-    elements = item.elements()
-    if not elements:
-        raise item.error('is empty; allowed at least one value')
-    return elements
-
-
-def _expand(folder, items, words):
+def _expand(folder, list_item, words):
     """Return names as they are and files below the folder, patterns expanded, each once."""
     names = []
-    for item, word in zip(items, words):
+    for item, word in zip(list_item.elements() if words else (), words):
         if ':' in word and word.partition(':')[0] in FAMILIES:
             raise item.error(f'{word!r} is a draw of a family; allowed under families')
         if os.sep not in word and not word.endswith(SUFFIXES) and not glob.has_magic(word):
@@ -214,7 +198,7 @@ def _parse_drawn(item):
     distribution = distributions.parse(item)
     if name in SCENARIO_SETTINGS:
         rule = get_args(SCENARIO_SETTINGS[name])[1]
-        for end in distribution.ends():
+        for end in distribution.ends:
             fault = rule.fault(float, end)
             if fault:
                 raise item.error(f'{fault} {end}; allowed {rule.allowed}')

@@ -19,7 +19,7 @@ from experiments import drive_row
 from experiments.batch import distributions
 from experiments.batch.study_file import StudyFile
 from experiments.configuration import inputs, node_config
-from experiments.drive_row import ANY_ROAD, NOMINAL, Offset, Pairs, Row
+from experiments.drive_row import ANY_ROAD, NOMINAL, Offset, Row
 
 CAR = f'plant.{inputs.PLANT_CAR}'
 PLANT_FILE = f'plant.{node_config.PLANT_DEFAULTS}'
@@ -97,14 +97,6 @@ def draw_offsets(runs: int, seed: int) -> list[Offset]:
     ]
 
 
-def words_drawn(study: StudyFile, rows: Sequence[Row]) -> list[Pairs]:
-    """Return the drawn settings that are words, each combination of them once."""
-    names = {drawn.name for drawn in study.drawn}
-    return list(
-        dict.fromkeys(tuple(pair for pair in row.words if pair[0] in names) for row in rows)
-    )
-
-
 def check(combination: Row) -> str:
     """Refuse a combination that no node takes; return what `describe_misfit` says of it.
 
@@ -167,7 +159,7 @@ def check_drawn(study: StudyFile, combinations: Sequence[Row]) -> None:
     first = {combination.controller: combination for combination in reversed(combinations)}
     for drawn in study.drawn:
         for combination in first.values():
-            for end in (*drawn.distribution.ends(), drawn.distribution.value(INSIDE)):
+            for end in (*drawn.distribution.ends, drawn.distribution.value(INSIDE)):
                 settings: tuple[Any, ...] = (*combination.settings, (drawn.name, end))
                 try:
                     check(combination._replace(settings=settings))

@@ -5,32 +5,33 @@ Modules import what they need in `run`, so that `experiments --help` answers at 
 
 import argparse
 import os
+import sys
+from collections.abc import Callable
+from math import inf
 from pathlib import Path
 from typing import Any
 
 
-def positive_count(text: str) -> int:
-    """Return the whole number in an argument; argparse's error unless it is positive."""
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f'must be a positive number, is {text}')
-    return value
+def number(kind: type, allowed: str, low: float = -inf, high: float = inf) -> Callable[[str], Any]:
+    """Return the type of an argument: a number of a kind from `low` to `high`.
+
+    `allowed` describes these in argparse's error.
+    """
+
+    def parse(text):
+        value = kind(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f'must be {allowed}, is {text}')
+        return value
+
+    parse.__name__ = kind.__name__  # in the error about text that is no number
+    return parse
 
 
-def count(text: str) -> int:
-    """Return the whole number in an argument; argparse's error unless it is 0 or more."""
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f'must be 0 or more, is {text}')
-    return value
-
-
-def positive_number(text: str) -> float:
-    """Return the value of an option that must be positive and finite."""
-    value = float(text)
-    if not 0.0 < value < float('inf'):
-        raise argparse.ArgumentTypeError(f'must be positive and finite, is {text}')
-    return value
+positive_count = number(int, 'a positive number', 1)
+count = number(int, '0 or more', 0)
+positive_number = number(float, 'positive and finite', sys.float_info.min, sys.float_info.max)
+share = number(float, 'from 0 to 1', 0.0, 1.0)
 
 
 def add_jobs(parser: argparse.ArgumentParser, constant: str) -> None:
@@ -81,6 +82,7 @@ def add_time_limit(
         option,
         type=positive_number,
         default=default_s,
+        dest='time_limit_s',
         metavar='S',
         help=f'wall time after which {then} (default: {default_s:g} s)',
     )

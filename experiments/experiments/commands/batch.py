@@ -51,6 +51,4 @@ def run(options: argparse.Namespace) -> int:
     # imported late: simulation and controllers take a second to load
     from experiments.batch import run_batch
 
-    return run_batch.run(
-        options.study, options.out, options.jobs, options.limit_s, Console(), options.dask
-    )
+    return run_batch.run(options, Console())

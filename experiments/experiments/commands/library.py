@@ -25,6 +25,7 @@ from experiments.commands import (
     add_time_limit,
     count,
     positive_count,
+    share,
 )
 
 HELP = 'drive families of emergencies; who survived, with intervals and causes'
@@ -80,7 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_time_limit(parser, '--limit-s', LIMIT_S, 'a drive counts as failed')
     parser.add_argument(
         '--at-least',
-        type=_share,
+        type=share,
         metavar='SHARE',
         help='exit code 1 when a family survives less, 0 to 1',
     )
@@ -105,10 +106,3 @@ def run(options: argparse.Namespace) -> int:
 
     families, entries = catalogue.choose(options.family, options.entries, options.entry)
     return run_library.run(options, families, entries, console)
-
-
-def _share(text):
-    value = float(text)
-    if not 0.0 <= value <= 1.0:
-        raise argparse.ArgumentTypeError(f'must be from 0 to 1, is {text}')
-    return value

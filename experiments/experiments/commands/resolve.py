@@ -60,8 +60,9 @@ def run(options: argparse.Namespace) -> int:
     changes = set_option.parse_tick_changes(options.settings)
     console, number = Console(), options.tick
     if number is None:
-        moment = tick_choice.Moment(None, options.time, options.station, options.at)
-        chosen = tick_choice.choose(bag, moment)
+        chosen = tick_choice.choose(
+            bag, time=options.time, station=options.station, event=options.at
+        )
         print_text(console, str(chosen))
         number = chosen.number
     answer = resolve.answer(bag, resolve.pose(bag, number), changes, options.sensitivities)

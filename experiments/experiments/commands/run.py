@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='a name, or the path of a YAML file: of a scenario, or a run file',
     )
     text = 'a name in mpcc_controller/config, a YAML file, or a program that is a node'
-    add_list(parser, '--controller', text, 'mpcc', metavar='C')
+    add_list(parser, '--controller', text, 'mpcc', dest='controllers', metavar='C')
     parser.add_argument(
         '--plant',
         default='',
@@ -84,20 +84,5 @@ def run(options: argparse.Namespace) -> int:
     # imported late: simulation and controllers take a second to load
     from experiments.run import run_and_compare
 
-    return run_and_compare.run(
-        run_and_compare.Request(
-            options.scenario,
-            options.controller,
-            options.mode,
-            options.out,
-            options.settings,
-            options.time_limit,
-            options.markers,
-            options.label,
-            options.overwrite,
-            options.any_car,
-            options.beside,
-            options.plant,
-        ),
-        Console(),
-    )
+    given = {name: getattr(options, name) for name in run_and_compare.Request._fields}
+    return run_and_compare.run(run_and_compare.Request(**given), Console())

@@ -39,7 +39,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Do a part of a study; return 0. Raises BagError for a folder without plan or rows."""
     folder = options.folder or KEPT[options.part]
-    {'run': _drive, 'decide': _decide, 'recompute': _recompute}[options.part](options, folder)
+    out, console = options.out or folder, Console()
+    # imported late: controllers, pandas and matplotlib take a second to load
+    if options.part == 'recompute':
+        from experiments import settings_study
+
+        study = settings_study.read(folder)
+        for table in (settings_study.shares(study), settings_study.braking(study)):
+            text = table.to_string(index=False, float_format='{:.3f}'.format)
+            console.print(text, markup=False, highlight=False, soft_wrap=True)
+    elif options.part == 'decide':
+        from experiments.decisive import report
+
+        report.write(_plan(folder), folder, out, console)
+    else:
+        from experiments import code_version
+        from experiments.decisive import run as study
+        from experiments.pool import Pool
+        from experiments.progress import CountProgress
+
+        plan = _plan(folder)
+        with (
+            CountProgress(console) as progress,
+            Pool(options.jobs, options.dask, code_version.describe) as pool,
+        ):
+            study.run(plan, out, pool, progress, options.replicates)
     return 0
 
 
@@ -53,37 +77,3 @@ def _plan(folder):
         return yaml.safe_load((folder / PLAN).read_text(encoding='utf-8'))
     except OSError as error:
         raise BagError(f'{folder / PLAN}: {error.strerror}; it has the plan of the study') from None
-
-
-def _drive(options, folder):
-    # imported late: controllers take a second to load
-    from experiments import code_version
-    from experiments.decisive import run as study
-    from experiments.pool import Pool
-    from experiments.progress import CountProgress
-
-    plan, out = _plan(folder), options.out or folder
-    with (
-        CountProgress(Console()) as progress,
-        Pool(options.jobs, options.dask, code_version.describe) as pool,
-    ):
-        study.run(plan, out, pool, progress, options.replicates)
-
-
-def _decide(options, folder):
-    # imported late: pandas and matplotlib take a second to load
-    from experiments.decisive import report
-
-    report.write(_plan(folder), folder, options.out or folder, Console())
-
-
-def _recompute(options, folder):
-    # imported late: pandas takes half a second to load
-    import pandas as pd
-
-    from experiments import settings_study
-
-    study, console = settings_study.read(folder), Console()
-    for rows in (settings_study.shares(study), settings_study.braking(study)):
-        table = pd.DataFrame(rows).to_string(index=False, float_format='{:.3f}'.format)
-        console.print(table, markup=False, highlight=False, soft_wrap=True)

@@ -62,12 +62,4 @@ def run(options: argparse.Namespace) -> int:
     console = Console()
     if not console.is_terminal:
         console.width = FILE_WIDTH
-    return report.run(
-        options.folders,
-        options.base,
-        console,
-        budget=options.budget,
-        preview=options.preview,
-        jobs=options.jobs,
-        table=options.table,
-    )
+    return report.run(options, console)

@@ -129,9 +129,9 @@ def check_parameters(nodes: Sequence[Node]) -> dict[str, tuple[Any, Any]]:
     """
     checked = {node.role: _load(node) for node in nodes if node.role in LOADERS}
     for node in nodes:
-        if node.role == 'controller':
+        if node.role == CONTROLLER:
             try:
-                car_file.check_limits(*checked[node.role], node.origins)
+                car_file.check_limits(*checked[CONTROLLER], node.origins)
             except parameters.ParameterError as error:
                 raise BagError(str(error)) from None
     return checked
@@ -198,18 +198,14 @@ def check_problem(checked: Mapping[str, tuple[Any, Any]], file: str = '') -> Non
         PredictionModel(*checked[CONTROLLER])
     except Exception as error:
         # an error of the user's source has no other place in its text
-        is_refusal = isinstance(error, parameters.ParameterError | OSError)
-        where = '' if is_refusal else f'{_place(error)}: '
+        where = ''
+        if isinstance(error, SyntaxError):
+            where = f'{type(error).__name__} in {error.filename}:{error.lineno}: '
+        elif not isinstance(error, parameters.ParameterError | OSError):
+            last = traceback.extract_tb(error.__traceback__)[-1]
+            where = f'{type(error).__name__} in {last.filename}:{last.lineno}: '
         named = f' ({file})' if file else ''
         raise BagError(f'the controller{named} would not start: {where}{error}') from error
-
-
-def _place(error):
-    """Return the kind of an exception, and the file and line of the source that raised it."""
-    if isinstance(error, SyntaxError):
-        return f'{type(error).__name__} in {error.filename}:{error.lineno}'
-    last = traceback.extract_tb(error.__traceback__)[-1]
-    return f'{type(error).__name__} in {last.filename}:{last.lineno}'
 
 
 def check_car_fits(

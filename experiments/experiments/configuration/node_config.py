@@ -140,7 +140,13 @@ def find_controller(name_or_path: str, programs: bool = False) -> Controller:
     if path.suffix not in YAML_SUFFIXES:
         what = 'is neither a YAML file nor a program that may be executed (chmod +x)'
         raise BagError(f'no controller {name_or_path!r}: the file {what}')
-    _reject_baseline_by_name(path)
+    if path.stem.startswith('frenet'):
+        with contextlib.suppress(parameters.ParameterError):  # reported with the other inputs
+            if 'formulation.name' not in parameters.read_file(path).values:
+                raise BagError(
+                    f'{path}: the name of a file does not choose the baseline; add '
+                    '`base: frenet.yaml` to its ros__parameters'
+                )
     return Controller(path.stem, path.absolute())
 
 
@@ -194,17 +200,6 @@ def _missing_file(path):
     return f'there is no such file (seen from {Path.cwd()}): {there}'
 
 
-def _reject_baseline_by_name(path):
-    """Raise BagError for a file that has the name of the baseline and not its formulation."""
-    if path.stem.startswith('frenet'):
-        with contextlib.suppress(parameters.ParameterError):  # reported with the other inputs
-            if 'formulation.name' not in parameters.read_file(path).values:
-                raise BagError(
-                    f'{path}: the name of a file does not choose the baseline; add '
-                    '`base: frenet.yaml` to its ros__parameters'
-                )
-
-
 def find_controllers(
     names_or_paths: Sequence[str], labels: Sequence[str] = (), programs: bool = False
 ) -> list[Controller]:
@@ -219,11 +214,12 @@ def find_controllers(
         if not LABEL_FORM.fullmatch(label):
             raise BagError(f'--label {label}: must be {LABEL_ALLOWED}')
     given = labels if len(labels) > 1 else [*labels, ''][:1] * len(names_or_paths)
-    matches = dict.fromkeys(
-        find_controller(name, programs)._replace(label=label)
-        for name, label in zip(names_or_paths, given)
+    controllers = list(
+        dict.fromkeys(
+            find_controller(name, programs)._replace(label=label)
+            for name, label in zip(names_or_paths, given)
+        )
     )
-    controllers = list(matches)
     names = [controller.run_name for controller in controllers]
     for name in names:
         if names.count(name) > 1:
@@ -285,9 +281,13 @@ def build_nodes(
                 f'--set controller.{next(iter(given))}: the controller {controller.name} is a '
                 'program, which has its parameters from elsewhere'
             )
-        sources = _scenario_origins(role, own, facts)
-        sources |= {name: f'--set {role}.{name}' for name in given}
-        sources |= origins.get(role, {})
+        keys = SCENARIO_KEYS.get(role, {})
+        by_name = {name: keys.get(name) or keys.get(name.partition('.')[0]) for name in own}
+        sources = {
+            **{name: f'scenario {facts.source}: {key}' for name, key in by_name.items() if key},
+            **{name: f'--set {role}.{name}' for name in given},
+            **origins.get(role, {}),
+        }
         executable = Path(program[-1]).name if program else f'{role}_node'
         nodes.append(Node(role, DEFAULTS[role][0], executable, files, values, sources, program))
     return nodes
@@ -301,12 +301,6 @@ def build_mpcc_nodes(
     run_info.write_text('{}')
     mpcc = find_controller('mpcc')
     return build_nodes(facts, mpcc, mode, folder / BAG_FOLDER, run_info, overrides)
-
-
-def _scenario_origins(role, names, facts):
-    keys = SCENARIO_KEYS.get(role, {})
-    by_name = {name: keys.get(name) or keys.get(name.partition('.')[0]) for name in names}
-    return {name: f'scenario {facts.source}: {key}' for name, key in by_name.items() if key}
 
 
 def build_markers_node(nodes: Sequence[Node]) -> Node:

@@ -66,25 +66,21 @@ def search(every: Sequence[Section], words: Sequence[str]) -> tuple[Section, ...
     """
     wanted = [word.lower() for word in words]
     names = {full_name(section, row) for section, _, row in _rows(every)}
-
-    def is_wanted(section, group, row):
-        name = full_name(section, row)
-        if len(words) == 1 and words[0] in names:
-            return name == words[0]
-        text = f'{name} {row.meaning} {group.meaning}'.lower()
-        return all(word in text for word in wanted)
-
     matches = []
     for section in every:
-        groups = [
-            group._replace(
-                parameters=tuple(r for r in group.parameters if is_wanted(section, group, r))
-            )
-            for group in section.groups
-        ]
-        kept = tuple(group for group in groups if group.parameters)
-        if kept:
-            matches.append(section._replace(groups=kept))
+        groups = []
+        for group in section.groups:
+            rows = []
+            for row in group.parameters:
+                name = full_name(section, row)
+                text = f'{name} {row.meaning} {group.meaning}'.lower()
+                is_full = len(words) == 1 and words[0] in names
+                if name == words[0] if is_full else all(word in text for word in wanted):
+                    rows.append(row)
+            if rows:
+                groups.append(group._replace(parameters=tuple(rows)))
+        if groups:
+            matches.append(section._replace(groups=tuple(groups)))
     if not matches:
         short = {name.rpartition('.')[2]: name for name in sorted(names)}
         near = [closest(words[0], names), closest(words[0], short)]

@@ -36,29 +36,20 @@ def read_files(paths: Sequence[str], namespace: str = '') -> FileParameters:
 
 
 def _read_file(path, namespace, collected):
+    own = f'/{namespace.strip("/")}/'.replace('//', '/')
     for section, item in read(path).items().items():
-        roles = ROLES if section == EVERY_NODE else (_role(section, item, namespace),)
+        prefixes = (prefix for prefix in (ANY_NAMESPACE, own, '/') if section.startswith(prefix))
+        name = section.removeprefix(next(prefixes, ''))
+        roles = ROLES if section == EVERY_NODE else (name,)
+        if roles[0] not in ROLES:
+            known, hint = ', '.join(ROLES), closest(name, ROLES)
+            raise item.error(f'no node of this run; allowed {known}, {EVERY_NODE}{hint}')
         parameters = item.members((PARAMETERS,))[PARAMETERS]
         leaves = dict(_leaves(parameters, ''))
         for role in roles:
             values, sources = (by_role.setdefault(role, {}) for by_role in collected)
             values.update({name: leaf.value_or_empty() for name, leaf in leaves.items()})
             sources.update({name: f'{path}:{leaf.line}' for name, leaf in leaves.items()})
-
-
-def _role(section, item: Item, namespace):
-    own = f'/{namespace.strip("/")}/'.replace('//', '/')
-    name = section
-    for prefix in (ANY_NAMESPACE, own, '/'):
-        if section.startswith(prefix):
-            name = section[len(prefix) :]
-            break
-    if name not in ROLES:
-        known = ', '.join(ROLES)
-        raise item.error(
-            f'no node of this run; allowed {known}, {EVERY_NODE}{closest(name, ROLES)}'
-        )
-    return name
 
 
 def _leaves(item: Item, prefix):

@@ -31,9 +31,14 @@ def find_warnings(
     (params, vehicle), (_, plant) = checked['controller'], checked['plant']
     return [
         *advice.flatten(judge(scn, facts, checked)),
-        *_drive_layout(params, vehicle, plant),
-        *filter(None, [car_file.describe_cut_limits(params, vehicle)]),
-        *filter(None, [minimum_speed.describe_raised(params, vehicle)]),
+        *filter(
+            None,
+            (
+                _drive_layout(params, vehicle, plant),
+                car_file.describe_cut_limits(params, vehicle),
+                minimum_speed.describe_raised(params, vehicle),
+            ),
+        ),
     ]
 
 
@@ -101,32 +106,31 @@ def _slow_speed(speeds, least_mps, margin_mps, subject, below, near):
 
     `below` and `near` describe the car below the least speed and within the margin above it.
     """
-
-    def relation(speed):
-        return minimum_speed.compare(speed, least_mps, margin_mps)
-
-    slow = [(speed, key) for key, speed in speeds if relation(speed)]
+    compared = (
+        (speed, key, minimum_speed.compare(speed, least_mps, margin_mps)) for key, speed in speeds
+    )
+    slow = [entry for entry in compared if entry[2]]
     if not slow:
         return []
-    speed, key = min(slow, key=lambda pair: pair[0])
+    speed, key, relation = min(slow, key=lambda entry: entry[0])
     others = f' and {len(slow) - 1} more' if len(slow) > 1 else ''
-    consequence = below if relation(speed) == minimum_speed.BELOW else near
+    consequence = below if relation == minimum_speed.BELOW else near
     return [
-        f'{subject} {speed:g} m/s ({key}{others}), {relation(speed)} the '
+        f'{subject} {speed:g} m/s ({key}{others}), {relation} the '
         f'limits.least_speed_mps of {least_mps:g} m/s: the controller brakes to a stop '
         f'below that speed, so the car {consequence}'
     ]
 
 
 def _drive_layout(params: ControllerParams, vehicle: CarParams, plant: PlantParams):
-    """Return the warning that the controller drives other axles than the plant, at most one."""
+    """Return the warning that the controller drives other axles than the plant, or ''."""
     share, key = params.model.drive_front_share, 'model.drive_front_share'
     if share is None:
         share, key = vehicle.actuators.drive_front_share, f'car_file {params.car_file}'
     driven = actuator_limits(plant.car).drive_front_share
     if abs(share - driven) <= SHARE_TOLERANCE:
-        return []
-    return [
+        return ''
+    return (
         f'the controller believes that {share:.0%} of the drive is at the front axle ({key}), the '
         f'plant has {driven:.0%} there: give controller.car_file a file that identify wrote for it'
-    ]
+    )

@@ -119,7 +119,10 @@ def draw(family: str, seed: int, index: int, difficulty: str = NOMINAL) -> Draw:
         raise ValueError(f'seed and index must be 0 or more, are {seed} and {index}')
     hard = difficulty == HARD
     random = Random(f'{family} {difficulty} {seed} {index}')
-    parts = _first_possible(family, random, hard)
+    trials = (DRAWN[family](random, hard) for _ in range(MAX_TRIALS))
+    parts = next((possible for possible in trials if possible is not None), None)
+    if parts is None:
+        raise RuntimeError(f'{family}: none of {MAX_TRIALS} draws is possible')
     settings: dict[str, dict[str, Any]] = parts.pop(lane_change_task.SETTINGS, {})
     values = parts.pop(lane_change_task.VALUES, {})
     if hard:
@@ -143,11 +146,3 @@ def _disturbances(random):
             **{f'measurement_errors.{name}': value for name, value in errors.items()},
         },
     }
-
-
-def _first_possible(family, random, hard):
-    for _ in range(MAX_TRIALS):
-        parts = DRAWN[family](random, hard)
-        if parts is not None:
-            return parts
-    raise RuntimeError(f'{family}: none of {MAX_TRIALS} draws is possible')

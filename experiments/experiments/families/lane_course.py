@@ -163,23 +163,13 @@ def double_lane_change(random: Random, hard: bool) -> Document | None:
 def iso_3888_1(random: Random, hard: bool) -> Document | None:
     """Return the double lane change of ISO 3888-1; the lanes are the edges of the road."""
     speed = random.uniform(23.0, 28.0) if hard else random.uniform(18.0, 24.0)
-    return iso_course_1(speed)
+    widths = [lane_width(*width) for width in ISO_1_WIDTHS]
+    return _iso_course(speed, ISO_1_LENGTHS, widths, ISO_1_OFFSET, 4.0, 'ISO 3888-1')
 
 
 def iso_3888_2(random: Random, hard: bool) -> Document | None:
     """Return the obstacle avoidance of ISO 3888-2; the lanes are the edges of the road."""
     speed = random.uniform(12.5, 16.0) if hard else random.uniform(9.0, 12.5)
-    return iso_course_2(speed)
-
-
-def iso_course_1(speed: float) -> Document:
-    """Return the course of ISO 3888-1 at a speed [m/s]."""
-    widths = [lane_width(*width) for width in ISO_1_WIDTHS]
-    return _iso_course(speed, ISO_1_LENGTHS, widths, ISO_1_OFFSET, 4.0, 'ISO 3888-1')
-
-
-def iso_course_2(speed: float) -> Document:
-    """Return the course of ISO 3888-2 at a speed [m/s]."""
     first, third, last = (lane_width(*width) for width in ISO_2_WIDTHS)
     offset = first / 2 + ISO_2_GAP + third / 2
     widths = [first, third, max(ISO_2_LEAST, last)]

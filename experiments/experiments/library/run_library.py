@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -30,28 +29,20 @@ def run(
     entry is not met, or a family survived less than `at_least`. Raises BagError for unusable input,
     and KeyboardInterrupt after the table of the drives so far was written.
     """
-    begin_s = time.monotonic()
-    row_runner.check_format()
     rows = plan_rows(options, families, entries)
     for name in entries:
         pass_criteria.check_names(scenario.load(name).expect, name)
+    # an error in a setting is reported before anything is driven
     for row in {row.controller: row for row in rows}.values():
-        drive_row.prepare(
-            row, written='--set {}'
-        )  # an error in a setting is reported before anything is driven
+        drive_row.prepare(row, written='--set {}'.format)
     notes = {'library': json.dumps(vars(options), default=str)}
     with (
         CountProgress(console) as progress,
         Pool(options.jobs, options.dask, code_version.describe) as pool,
     ):
-        driven = row_runner.run_rows(rows, options.out, pool, progress, options.limit_s, notes)
-    is_well = _show(driven.rows, entries, options.at_least, console)
-    print_text(
-        console,
-        f'{len(driven.rows):,} drives: {driven.kept:,} were kept, {driven.failed:,} failed; '
-        f'{time.monotonic() - begin_s:.1f} s; {driven.table}',
-    )
-    return 0 if is_well and not driven.failed else 1
+        lines = row_runner.run_rows(rows, options.out, pool, progress, options.time_limit_s, notes)
+    is_well = _show(lines, entries, options.at_least, console)
+    return 0 if is_well and not any(line['error'] for line in lines) else 1
 
 
 def plan_rows(

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import pandas
 from rich.table import Table
 
 from experiments.statistical_inference import wilson_interval
@@ -18,26 +19,33 @@ def family_of(row: Mapping[str, Any]) -> str:
     return row['family'] or ENTRIES
 
 
-def count(rows: Rows, family: str, controller: str) -> tuple[int, int]:
-    """Return how many drives survived, and how many there are that have a result."""
-    judged = [
-        row
-        for row in rows
-        if row['controller'] == controller and family in (ALL, family_of(row)) and not row['error']
-    ]
-    return sum(row['survived'] is True for row in judged), len(judged)
+def counts(rows: Rows) -> dict[tuple[str, str], tuple[int, int]]:
+    """Return how many drives survived, and how many have a result, by family and controller.
+
+    Of several families also that of ALL of them.
+    """
+    kept = ('controller', 'survived', 'error')
+    frame = pandas.DataFrame(
+        [{'family': family_of(row)} | {n: row[n] for n in kept} for row in rows]
+    )
+    if frame['family'].nunique() > 1:
+        frame = pandas.concat([frame, frame.assign(family=ALL)])
+    frame['driven'] = ~frame['error'].astype(bool)
+    frame['survived'] = frame['survived'].eq(True) & frame['driven']
+    sums = frame.groupby(['family', 'controller'], sort=False)[['survived', 'driven']].sum()
+    return {pair: (int(survived), int(driven)) for pair, survived, driven in sums.itertuples()}
 
 
 def build_table(rows: Rows) -> Table:
     """Return survived of driven per family and controller, with Wilson's interval of 95 %."""
-    controllers = list(dict.fromkeys(row['controller'] for row in rows))
-    families = list(dict.fromkeys(map(family_of, rows)))
+    by_pair = counts(rows)
+    families, controllers = (list(dict.fromkeys(names)) for names in zip(*by_pair))
     table = Table(box=None, padding=(0, 2, 0, 0))
     table.add_column('survived')
     for controller in controllers:
         table.add_column(controller, justify='right')
-    for family in [*families, ALL] if len(families) > 1 else families:
-        cells = (share_cell(*count(rows, family, controller)) for controller in controllers)
+    for family in families:
+        cells = (share_cell(*by_pair.get((family, name), (0, 0))) for name in controllers)
         table.add_row(family, *cells)
     return table
 
@@ -61,12 +69,8 @@ def describe_losses(rows: Rows) -> Iterator[str]:
 
 def families_below(rows: Rows, share: float) -> list[str]:
     """Return a text for each family and controller that survived less than a share."""
-    pairs = dict.fromkeys((family_of(row), row['controller']) for row in rows)
-    counts = (
-        (family, controller, *count(rows, family, controller)) for family, controller in pairs
-    )
     return [
         f'{controller} in {family}: {survived}/{driven}'
-        for family, controller, survived, driven in counts
-        if driven and survived < share * driven
+        for (family, controller), (survived, driven) in counts(rows).items()
+        if family != ALL and driven and survived < share * driven
     ]

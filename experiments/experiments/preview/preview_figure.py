@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
+from bags.evaluation import geometry
 from bags.figures import style
-from experiments.preview.scenario_checks import Circles, PathProfile, profile
+from experiments.preview.scenario_checks import Circles
 from scenario_publisher import actors, advice
-from scenario_publisher.polyline import running_sum
 from scenario_publisher.scenario import Scenario
 
 WIDE_INCH, STRIP_INCH, LEAST_INCH, MOST_INCH = 11.0, 1.7, 2.4, 8.0
@@ -22,7 +22,6 @@ def draw(scn: Scenario, circles: Circles, path: Path) -> Path:
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    along = profile(scn, circles)
     low, high = _extent(scn)
     size = high - low
     above = float(np.clip(WIDE_INCH * size[1] / size[0], LEAST_INCH, MOST_INCH))
@@ -30,14 +29,14 @@ def draw(scn: Scenario, circles: Circles, path: Path) -> Path:
         figure = Figure(figsize=(WIDE_INCH, above + 2 * STRIP_INCH), layout='constrained')
         top, speed, lateral = figure.subplots(3, 1, height_ratios=(above, STRIP_INCH, STRIP_INCH))
         speed.sharex(lateral)
-        _from_above(top, scn, circles, along)
+        _from_above(top, scn, circles)
         # where the shape allows it the scales are equal; a long road is stretched across
         stretch = size[0] / size[1] / (WIDE_INCH / above)
         top.set_xlim(low[0], high[0])
         top.set_ylim(low[1], high[1])
         if stretch < 1.5:
             top.set_aspect('equal', adjustable='box')
-        _strips(speed, lateral, scn, along)
+        _strips(speed, lateral, scn)
         scale = f'; across stretched {stretch:.1f} times' if stretch >= 1.5 else ''
         top.set_title(f'{scn.name}: {scn.start.speed:.1f} m/s, friction {scn.friction:g}{scale}')
         figure.legend(*top.get_legend_handles_labels(), loc='outside lower center', ncols=7)
@@ -45,7 +44,7 @@ def draw(scn: Scenario, circles: Circles, path: Path) -> Path:
     return path
 
 
-def _from_above(axes, scn, circles, along):
+def _from_above(axes, scn, circles):
     from matplotlib.patches import Circle, Polygon
 
     left, right = scn.edges.left, scn.edges.right
@@ -54,8 +53,9 @@ def _from_above(axes, scn, circles, along):
         axes.add_patch(Polygon(corners, color=SLIPPERY, lw=0, label='' if i else 'other friction'))
     for edge in (left, right):
         axes.plot(*edge.T, color=style.EDGE, lw=1.0)
-    for side, edge in (('right', left), ('left', right)):
-        axes.plot(*_beside(edge, side, circles.edge_m).T, color=style.UNSAFE, lw=0.8, ls=':')
+    for edge, inside in ((left, -circles.edge_m), (right, circles.edge_m)):
+        safe = geometry.offset_polyline(edge, inside)
+        axes.plot(*safe.T, color=style.UNSAFE, lw=0.8, ls=':')
     axes.plot(scn.reference.X, scn.reference.Y, color=PATH, lw=1.4, label='coarse path')
     named = set()
     for actor in scn.actors:
@@ -93,7 +93,8 @@ def _from_above(axes, scn, circles, along):
     axes.set_ylabel('y [m]')
 
 
-def _strips(speed, lateral, scn, along: PathProfile):
+def _strips(speed, lateral, scn):
+    along = advice.path_demand(scn)
     speed.plot(along.station, along.speed, color=SPEED)
     speed.set_ylabel('desired\nspeed [m/s]')
     speed.set_ylim(0.0, 1.25 * along.speed.max())
@@ -116,14 +117,6 @@ def _strips(speed, lateral, scn, along: PathProfile):
     lateral.set_xlim(along.station[0], along.station[-1])
     for axes in (speed, lateral):
         axes.axvline(advice.finish_station(scn), color=style.INK, ls=(0, (2, 2)), lw=1.2)
-
-
-def _beside(edge, side, distance):
-    """Return an edge moved inwards."""
-    tangent = np.gradient(edge, running_sum(np.hypot(*np.diff(edge, axis=0).T)), axis=0)
-    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
-    normal /= np.hypot(*normal.T)[:, None]
-    return edge + (distance if side == 'left' else -distance) * normal
 
 
 def _places(scn, actor, step=STEP_S):

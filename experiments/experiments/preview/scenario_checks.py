@@ -28,20 +28,9 @@ class Circles(NamedTuple):
     edge_m: float  # to road edges
 
 
-class PathProfile(NamedTuple):
-    """The coarse path, sample by sample, (n,) each."""
-
-    station: np.ndarray  # m
-    speed: np.ndarray  # m/s, desired
-    lateral: np.ndarray  # m/s^2, of the desired speed on the path, to the left positive
-    friction: np.ndarray  # of the road or the patch there, 1 is dry
-    to_edge: np.ndarray  # m, from the circle of a car on the path to the nearer edge
-
-
 class Encounter(NamedTuple):
     """How close a car that follows the path at the desired speed comes to an obstacle."""
 
-    number: int
     gap_m: float  # between the circles; negative: they overlap
     t: float  # s after the start
     station: float  # m
@@ -57,19 +46,23 @@ def circles_of(params: ControllerParams) -> Circles:
     )
 
 
-def profile(scn: Scenario, circles: Circles) -> PathProfile:
-    """Return the coarse path with what it asks for."""
-    demand, ref = advice.path_demand(scn), scn.reference
-    inside = np.minimum(
-        -polyline.left_of(scn.edges.left, ref.X, ref.Y),
-        polyline.left_of(scn.edges.right, ref.X, ref.Y),
-    )
-    to_edge = inside - circles.radius_m
-    return PathProfile(demand.station, demand.speed, demand.lateral, demand.friction, to_edge)
+def room_beside(scn: Scenario, circles: Circles) -> np.ndarray:
+    """Return how far a car on the coarse path is from the nearer edge [m], sample by sample, (n,).
+
+    From its circle, at the samples of `advice.path_demand`.
+    """
+    edges, ref = scn.edges, scn.reference
+    left, right = (polyline.left_of(edge, ref.X, ref.Y) for edge in (edges.left, edges.right))
+    return np.minimum(-left, right) - circles.radius_m
 
 
-def encounter(scn: Scenario, actor: Actor, path: PathProfile, circles: Circles) -> Encounter | None:
-    """Return where a car that follows the path comes closest to an obstacle, None if it is gone."""
+def encounter(
+    scn: Scenario, actor: Actor, station: np.ndarray, circles: Circles
+) -> Encounter | None:
+    """Return where a car that follows the path comes closest to an obstacle, None if it is gone.
+
+    `station` [m] is that of the samples of the path, (n,).
+    """
     ref = scn.reference
     # the car starts at its place on the path, not at the first pose
     first = int(np.argmin(np.hypot(ref.X - scn.start.X, ref.Y - scn.start.Y)))
@@ -83,18 +76,17 @@ def encounter(scn: Scenario, actor: Actor, path: PathProfile, circles: Circles) 
     apart = np.hypot(X - [o.X for o in places], Y - [o.Y for o in places])
     i = int(np.argmin(apart))
     gap = float(apart[i]) - actor.obstacle.r_obs - circles.radius_m
-    station = float(np.interp(along[i], ref.t, path.station))
-    return Encounter(actor.obstacle.id, gap, float(times[i]), station)
+    return Encounter(gap, float(times[i]), float(np.interp(along[i], ref.t, station)))
 
 
 def show(scn: Scenario, circles: Circles, console: Console) -> None:
     """Print what a scenario holds."""
-    path = profile(scn, circles)
+    path, to_edge = advice.path_demand(scn), room_beside(scn, circles)
     finish = advice.finish_station(scn)
     slow, fast = path.speed.min(), path.speed.max()
     k = int(np.argmax(np.abs(path.lateral) / path.friction))
     lateral, at = abs(path.lateral[k]), path.station[k]
-    where = float(path.station[np.argmin(path.to_edge)])
+    where = float(path.station[np.argmin(to_edge)])
     lines = {
         'scenario': f'{scn.name}: {scn.description}',
         'path': f'{path.station[-1]:.1f} m, finish line at {finish:.1f} m or {scn.stop.time:g} s',
@@ -106,7 +98,7 @@ def show(scn: Scenario, circles: Circles, console: Console) -> None:
         + (f', and {len(scn.patches.friction)} patches' if scn.patches.friction else ''),
         'path asks for': f'up to {lateral:.1f} m/s2 sideways, at {at:.0f} m: '
         f'{lateral / (path.friction[k] * advice.GRAVITY):.0%} of friction times g',
-        'room beside it': f'at least {path.to_edge.min():.2f} m from the circle of a car '
+        'room beside it': f'at least {to_edge.min():.2f} m from the circle of a car '
         f'({circles.radius_m:g} m) to an edge, at {where:.0f} m (safety distance '
         f'{circles.edge_m:g} m)',
     }
@@ -114,7 +106,7 @@ def show(scn: Scenario, circles: Circles, console: Console) -> None:
         print_text(console, f'{label + ":":16}{text}')
     for actor in scn.actors:
         print_text(console, f'obstacle {actor.obstacle.id}:'.ljust(16) + _about(actor))
-        print_text(console, ' ' * 16 + _meeting(scn, actor, path, circles))
+        print_text(console, ' ' * 16 + _meeting(scn, actor, path.station, circles))
 
 
 def show_refusals(failed: str, console: Console) -> None:
@@ -122,12 +114,9 @@ def show_refusals(failed: str, console: Console) -> None:
     print_text(console, '\nchecked (a scenario that fails is refused):')
     checks = scenario.CHECKS
     reached = checks.index(failed) if failed else len(checks)
-    for check in checks[:reached]:
-        _show_check(PASSED, check, console)
-    if failed:
-        _show_check(FAILED, failed, console)
-    for check in checks[reached + 1 :]:
-        _show_check(NOT_REACHED, check, console)
+    results = [PASSED] * reached + [FAILED] + [NOT_REACHED] * len(checks)
+    for check, result in zip(checks, results):
+        _show_check(result, check, console)
 
 
 def show_advice(judged: Sequence[Advice], console: Console) -> None:
@@ -159,17 +148,13 @@ def _about(actor):
     return text + (f' to {actor.disappears:g} s' if np.isfinite(actor.disappears) else '')
 
 
-def _meeting(scn, actor, path, circles):
-    met = encounter(scn, actor, path, circles)
+def _meeting(scn, actor, station, circles):
+    met = encounter(scn, actor, station, circles)
     if met is None:
         return 'not there while a car on the path drives'
+    what = f'pass at {met.gap_m:.2f} m'
     if met.gap_m < 0.0:
-        what = f'a car on the path would hit it (circles overlap by {-met.gap_m:.2f} m)'
+        what = f'hit it (circles overlap by {-met.gap_m:.2f} m)'
     elif met.gap_m < circles.obstacle_m:
-        what = (
-            f'a car on the path would pass at {met.gap_m:.2f} m, inside the safety distance '
-            f'({circles.obstacle_m:g} m)'
-        )
-    else:
-        what = f'a car on the path would pass at {met.gap_m:.2f} m'
-    return f'{what}, after {met.t:.1f} s, at {met.station:.0f} m'
+        what += f', inside the safety distance ({circles.obstacle_m:g} m)'
+    return f'a car on the path would {what}, after {met.t:.1f} s, at {met.station:.0f} m'

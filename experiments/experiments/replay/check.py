@@ -111,29 +111,23 @@ def check(bag: read.Bag, settings: Mapping[str, Any]) -> Report:
 def compare_ticks(
     ticks: Sequence[Tick], controller: ReplayedController
 ) -> tuple[ComparedTick, ...]:
-    """Answer ticks one after the other and compare each."""
+    """Answer ticks one after the other, each continued from the recorded command; compare each."""
     compared, shadow, cause = [], 0, ''
     for tick in ticks:
         if tick.inputs.actuators is not None:
             shadow = 0  # a restart: the warm start is gone
         if tick.gaps:
             shadow, cause = SHADOW, tick.gaps[0]
-        pairs = answer_tick(controller, tick)
-        compared.append(ComparedTick(tick, pairs, cause if shadow else ''))
+        command, prediction, why = controller.step(tick.inputs, tick.stamp_ns)
+        pairs = [*pair_reports(tick.why, why)]
+        if tick.command is not None:
+            pairs[:0] = pair_commands(tick.command, command)
+            controller.continue_from(tick.command)
+        if tick.prediction is not None:
+            pairs += pair_predictions(tick.prediction, prediction)
+        compared.append(ComparedTick(tick, tuple(pairs), cause if shadow else ''))
         shadow = max(shadow - 1, 0)
     return tuple(compared)
-
-
-def answer_tick(controller: ReplayedController, tick: Tick) -> tuple[Pair, ...]:
-    """Answer a tick, continue from the recorded command, and return both answers by field."""
-    command, prediction, why = controller.step(tick.inputs, tick.stamp_ns)
-    pairs = list(pair_reports(tick.why, why))
-    if tick.command is not None:
-        pairs[:0] = pair_commands(tick.command, command)
-        controller.continue_from(tick.command)
-    if tick.prediction is not None:
-        pairs += pair_predictions(tick.prediction, prediction)
-    return tuple(pairs)
 
 
 def pair_commands(recorded: Command, replayed: Command) -> Iterator[Pair]:
@@ -199,7 +193,19 @@ def show(report: Report, console: Console) -> None:
             f'  [red]differs[/] in {len(report.failures)} of {count}; first in tick '
             f'{first.tick.number} at {first.tick.t_s:.2f} s:'
         )
-        console.print(_fields_table(first.differing[:MAX_FIELDS]))
+        table = Table(box=None, pad_edge=True, padding=(0, 1), header_style='bold')
+        table.add_column('field', no_wrap=True)
+        for title in ('recorded', 'replayed', 'difference', 'allowed'):
+            table.add_column(title, justify='right', no_wrap=True)
+        for pair in first.differing[:MAX_FIELDS]:
+            group, _, name = pair.field.partition('.')
+            unit = f' [dim]{COMMAND_UNITS[name]}[/]' if group == 'command' else ''
+            sides = (pair.recorded, pair.replayed)
+            values = (v if isinstance(v, str) else f'{v:.9g}' for v in sides)
+            difference = '' if pair.difference == np.inf else f'{pair.difference:.1e}'
+            allowed = f'{pair.tolerance:.1e}' if pair.tolerance else ''
+            table.add_row(f'{pair.field}{unit}', *values, difference, allowed)
+        console.print(table)
         rest = len(first.differing) - MAX_FIELDS
         if rest > 0:
             console.print(f'  and {rest} more fields')
@@ -215,18 +221,3 @@ def show(report: Report, console: Console) -> None:
         differing = sum(tick.gap == cause and bool(tick.differing) for tick in report.ticks)
         text = f'    {cause}: {n} ticks, {differing} differ'
         console.print(text, markup=False, highlight=False)
-
-
-def _fields_table(pairs: Sequence[Pair]) -> Table:
-    table = Table(box=None, pad_edge=True, padding=(0, 1), header_style='bold')
-    table.add_column('field', no_wrap=True)
-    for title in ('recorded', 'replayed', 'difference', 'allowed'):
-        table.add_column(title, justify='right', no_wrap=True)
-    for pair in pairs:
-        group, _, name = pair.field.partition('.')
-        unit = f' [dim]{COMMAND_UNITS[name]}[/]' if group == 'command' else ''
-        values = (v if isinstance(v, str) else f'{v:.9g}' for v in (pair.recorded, pair.replayed))
-        difference = '' if pair.difference == np.inf else f'{pair.difference:.1e}'
-        tolerance = f'{pair.tolerance:.1e}' if pair.tolerance else ''
-        table.add_row(f'{pair.field}{unit}', *values, difference, tolerance)
-    return table

@@ -46,7 +46,10 @@ def refresh(drives: Mapping[str, Sequence[str]], out: Path, console: Console) ->
         for bag in sorted(work.glob('*/*/metadata.yaml')):
             reduced = cut(read.load(bag.parent), work / 'cut' / bag.parent.name)
             final = out / bag.parent.parent.name / bag.parent.name
-            _replace(final, reduced)
+            # the MCAP file is named after its folder, which moving does not change
+            final.parent.mkdir(parents=True, exist_ok=True)
+            shutil.rmtree(final, ignore_errors=True)
+            reduced.rename(final)
             size = sum(file.stat().st_size for file in final.iterdir())
             console.print(f'{os.path.relpath(final)}: {size / 1000:.0f} kB', highlight=False)
     return 0
@@ -60,8 +63,11 @@ def cut(bag: read.Bag, folder: Path) -> Path:
     answered = {tick.stamp_ns for tick in recorded_ticks.read_ticks(bag)}
     topics = (*recorded_ticks.NEEDED, recorded_ticks.PREDICTION)
     names = [name for name in topics if name in bag.recordings]
-    records = {'run': reduce_run_info(bag.run_info)}
-    writer = BagWriter(folder, [bag.recordings[name].topic for name in names], records)
+    kept = dict(bag.run_info)
+    for name, wanted in (('parameters', ROLES), ('machine', MACHINE)):
+        values = json.loads(kept.get(name, '{}'))
+        kept[name] = json.dumps({k: values[k] for k in wanted if k in values}, sort_keys=True)
+    writer = BagWriter(folder, [bag.recordings[name].topic for name in names], {'run': kept})
     rows = []
     for index, name in enumerate(names):
         recorded = bag.recordings[name]
@@ -78,15 +84,6 @@ def cut(bag: read.Bag, folder: Path) -> Path:
     return folder
 
 
-def reduce_run_info(run_info: dict[str, str]) -> dict[str, str]:
-    """Return the run information without folders and other traces of the machine."""
-    kept = dict(run_info)
-    for name, wanted in (('parameters', ROLES), ('machine', MACHINE)):
-        values = json.loads(run_info.get(name, '{}'))
-        kept[name] = json.dumps({k: values[k] for k in wanted if k in values}, sort_keys=True)
-    return kept
-
-
 def _kept_rows(bag, name, answered):
     """Return the rows of a topic that a replay reads."""
     topic = RecordedTopic(bag, name)
@@ -101,11 +98,3 @@ def _kept_rows(bag, name, answered):
             if not row or not recorded_ticks.has_same_content(values[row], values[row - 1])
         ]
     return topic.rows[[*rows]]
-
-
-def _replace(final, reduced):
-    # the MCAP file is named after its folder, which moving does not change
-    final.parent.mkdir(parents=True, exist_ok=True)
-    if final.exists():
-        shutil.rmtree(final)
-    reduced.rename(final)

@@ -1,7 +1,6 @@
 """The figure of one tick's plan: from above; states, inputs and distances over the horizon."""
 
 from pathlib import Path
-from typing import NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -10,7 +9,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from bags.figures import style
-from experiments.replay.recorded_problem import Solved
 from experiments.replay.resolve import HEADS, Answer
 from mpcc_controller.problem.obstacle_motion import position
 
@@ -23,38 +21,21 @@ SOLVED = style.Look(style.KNOWN['mpcc'], width=style.WIDTHS[0]).line
 CHANGED = style.Look(style.KNOWN['frenet'], style.DASHED).line
 
 
-class Curves(NamedTuple):
-    """One solution and its line style."""
-
-    label: str
-    solved: Solved
-    look: dict
-
-
-class Panel(NamedTuple):
-    """One quantity over the horizon."""
-
-    title: str
-    unit: str
-    name: str  # of a state or input
-    factor: float  # of the SI value
-
-
+# quantities over the horizon: title, unit, name of the state or input, factor of its SI value
 PANELS = (
-    Panel('Speed', '$v_x$ [m/s]', 'vx', 1.0),
-    Panel('Road-wheel angle', '$\\delta$ [deg]', 'delta', np.degrees(1.0)),
-    Panel('Longitudinal force', '$F_x$ [kN]', 'Fx', 1 / KILO),
-    Panel('Yaw rate', '$r$ [deg/s]', 'r', np.degrees(1.0)),
-    Panel('Steering rate', '$\\dot\\delta$ [deg/s]', 'd_delta', np.degrees(1.0)),
-    Panel('Force rate', '$\\dot F_x$ [kN/s]', 'd_Fx', 1 / KILO),
+    ('Speed', '$v_x$ [m/s]', 'vx', 1.0),
+    ('Road-wheel angle', '$\\delta$ [deg]', 'delta', np.degrees(1.0)),
+    ('Longitudinal force', '$F_x$ [kN]', 'Fx', 1 / KILO),
+    ('Yaw rate', '$r$ [deg/s]', 'r', np.degrees(1.0)),
+    ('Steering rate', '$\\dot\\delta$ [deg/s]', 'd_delta', np.degrees(1.0)),
+    ('Force rate', '$\\dot F_x$ [kN/s]', 'd_Fx', 1 / KILO),
 )
 
 
 def write(answer: Answer, stem: Path) -> list[Path]:
     """Write the figure as `stem`.png and .svg; return both paths."""
     stem.parent.mkdir(parents=True, exist_ok=True)
-    looks = (SOLVED, CHANGED)
-    drawn = [Curves(*curves) for curves in zip(HEADS, answer.both, looks)]
+    drawn = [*zip(answer.both, (SOLVED, CHANGED))]  # solutions and their line styles
     with mpl.rc_context(style.RC):
         return style.save_figure(_sheet(answer, drawn), stem)
 
@@ -68,13 +49,13 @@ def _sheet(answer, drawn):
     _from_above(figure.add_subplot(grid[0, :]), answer, drawn, low, high)
     for k, panel in enumerate(PANELS):
         row, column = divmod(k, 3)
-        _quantity(figure.add_subplot(grid[1 + row, column]), drawn, panel)
+        _quantity(figure.add_subplot(grid[1 + row, column]), drawn, *panel)
     _distances(figure.add_subplot(grid[1, 3]), drawn)
     _friction(figure.add_subplot(grid[2, 3]), drawn)
     tick = answer.tick
     title = f'{answer.name}, tick {tick.number} at {tick.t_s:.2f} s: {answer.solved.status}'
     figure.suptitle(title, x=0.012, ha='left', fontsize=13, fontweight='bold')
-    keys = [Line2D([], [], label=curves.label, **curves.look) for curves in drawn]
+    keys = [Line2D([], [], label=label, **look) for label, (_, look) in zip(HEADS, drawn)]
     keys.append(Line2D([], [], label='recorded plan', color=style.INK, lw=0, marker='.'))
     keys.append(Line2D([], [], label='limit', color=style.COLLISION, lw=0.9, ls=':'))
     figure.legend(handles=keys, loc='outside upper right', ncols=len(keys), handlelength=2.2)
@@ -83,7 +64,7 @@ def _sheet(answer, drawn):
 
 def _view(answer, drawn):
     """Return the corners (2,) [m] of plans and edges."""
-    states = [curves.solved.states for curves in drawn]
+    states = [solved.states for solved, _ in drawn]
     points = np.concatenate([np.column_stack([x['X'], x['Y']]) for x in states])
     low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
     edges = answer.tick.inputs.edges
@@ -100,9 +81,9 @@ def _from_above(ax, answer, drawn, low, high):
         ax.plot(*edge.T, color=style.EDGE, lw=1.6, zorder=2)
     path = inputs.reference
     ax.plot(path.X, path.Y, **style.coarse_path_line())
-    _unsafe(ax, drawn[0].solved)
-    for curves in drawn:
-        _plan(ax, curves)
+    _unsafe(ax, answer.solved)
+    for solved, look in drawn:
+        _plan(ax, solved, look)
     recorded = answer.tick.prediction
     if recorded is not None:
         ax.plot(recorded.X, recorded.Y, '.', ms=3.0, color=style.INK, zorder=6)
@@ -111,16 +92,16 @@ def _from_above(ax, answer, drawn, low, high):
     ax.set_title('From above: vehicle circles, and the safety distances of their centres')
 
 
-def _plan(ax, curves):
-    radius, offsets = curves.solved.circles
-    x = curves.solved.states
-    ax.plot(x['X'], x['Y'], zorder=4, **curves.look)
-    colour = curves.look['color']
-    look = {'facecolor': (colour, 0.06), 'edgecolor': (colour, 0.5), 'lw': 0.7}
+def _plan(ax, solved, look):
+    radius, offsets = solved.circles
+    x = solved.states
+    ax.plot(x['X'], x['Y'], zorder=4, **look)
+    colour = look['color']
+    circle = {'facecolor': (colour, 0.06), 'edgecolor': (colour, 0.5), 'lw': 0.7}
     for X, Y, psi in zip(*(x[name][::CIRCLE_EVERY] for name in ('X', 'Y', 'psi'))):
         for offset in offsets:
             centre = X + offset * np.cos(psi), Y + offset * np.sin(psi)
-            ax.add_patch(Circle(centre, radius, **look))
+            ax.add_patch(Circle(centre, radius, **circle))
 
 
 def _unsafe(ax, solved):
@@ -142,36 +123,36 @@ def _unsafe(ax, solved):
             ax.add_patch(Circle(centre, obstacle.r_obs, facecolor=face, edgecolor='none', zorder=3))
 
 
-def _quantity(ax, drawn, panel):
-    for curves in drawn:
-        values = curves.solved.states.get(panel.name)
-        if values is not None:
-            ax.plot(curves.solved.t, panel.factor * values, **curves.look)
+def _quantity(ax, drawn, title, unit, name, factor):
+    for solved, look in drawn:
+        if name in solved.states:
+            ax.plot(solved.t, factor * solved.states[name], **look)
         else:
-            held = panel.factor * curves.solved.inputs[panel.name]
-            ax.step(curves.solved.t, np.append(held, held[-1]), where='post', **curves.look)
-        for limit in curves.solved.limits.get(panel.name, ()):
-            ax.axhline(panel.factor * limit, color=style.COLLISION, lw=0.9, ls=':', zorder=1)
-    ax.set(xlabel='t [s]', ylabel=panel.unit, title=panel.title)
+            held = factor * solved.inputs[name]
+            ax.step(solved.t, np.append(held, held[-1]), where='post', **look)
+        for limit in solved.limits.get(name, ()):
+            ax.axhline(factor * limit, color=style.COLLISION, lw=0.9, ls=':', zorder=1)
+    ax.set(xlabel='t [s]', ylabel=unit, title=title)
 
 
 def _distances(ax, drawn):
-    for curves in drawn:
-        for distance in curves.solved.distances:
+    for solved, look in drawn:
+        for distance in solved.distances:
             strong = distance.name.startswith('obstacle')
             near = np.where(distance.D < FAR_M, distance.D, np.nan)
-            ax.plot(curves.solved.t, near, **curves.look, alpha=1.0 if strong else 0.4)
-    safe = max((d.safe for d in drawn[0].solved.distances), default=0.0)
+            ax.plot(solved.t, near, **look, alpha=1.0 if strong else 0.4)
+    first = drawn[0][0]
+    safe = max((d.safe for d in first.distances), default=0.0)
     ax.axhspan(0.0, safe, color=style.UNSAFE, alpha=0.22, lw=0)
     ax.axhspan(-FAR_M, 0.0, color=style.COLLISION, alpha=0.18, lw=0)
-    least = min((np.min(d.D) for curves in drawn for d in curves.solved.distances), default=0.0)
-    ax.set(xlim=drawn[0].solved.t[[0, -1]], ylim=(min(least, 0.0) - 0.3, FAR_M))
+    least = min((np.min(d.D) for solved, _ in drawn for d in solved.distances), default=0.0)
+    ax.set(xlim=first.t[[0, -1]], ylim=(min(least, 0.0) - 0.3, FAR_M))
     ax.set(xlabel='t [s]', ylabel='D [m]', title='Distances (edges pale)')
 
 
 def _friction(ax, drawn):
-    for curves in drawn:
+    for solved, look in drawn:
         for axle, alpha in (('f', 1.0), ('r', 0.45)):
-            ax.plot(curves.solved.t, curves.solved.friction[axle], **curves.look, alpha=alpha)
+            ax.plot(solved.t, solved.friction[axle], **look, alpha=alpha)
     ax.axhline(1.0, color=style.COLLISION, lw=0.9, ls=':')
     ax.set(xlabel='t [s]', ylabel='$F / \\mu F_z$', title='Friction use (rear pale)', ylim=(0, 1.1))

@@ -1,6 +1,6 @@
 """The optimal control problem of one recorded tick, solved again as it was or changed. SI units."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -21,21 +21,6 @@ from msgs_yaml.strict_yaml import closest
 from msgs_yaml.types import Command, Obstacle
 from stage_solver.solution import Solution
 from stage_solver.stage_problem import Plan
-
-
-class LimitGroup(NamedTuple):
-    """Quantities with limits at some stages; arrays (stages, quantities) in SI units."""
-
-    names: tuple[str, ...]
-    values: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    multipliers: np.ndarray  # cost per SI unit, positive where the upper limit pushes
-    scale: np.ndarray  # (quantities,) SI units per unit of the solver
-    first: int = 0  # the stage of row 0
-
-    def __repr__(self) -> str:
-        return f'LimitGroup({self.names}, {len(self.values)} stages from {self.first})'
 
 
 class ActiveLimit(NamedTuple):
@@ -185,15 +170,23 @@ class Problem:
         params, plan = self.prediction.params, solution.plan
         parameters = self.tick_problem.parameters
         view = self.prediction.evaluator.evaluate(self._to_local(plan), parameters.P)
+        car, x0, step_s = self.tick_problem.car, self.tick_problem.x0, params.model.step_s
+        target = setpoints.target_of_plan(plan, car, params.limits)
+        # the limits of the last stage: those of states and inputs are equal at all
+        bounds, state = self.tick_problem.bounds, self.prediction.formulation.ocp.state
+        limits = dict(zip(state._fields, zip(bounds.x_low[-1], bounds.x_high[-1])))
+        limits |= dict(zip(Input._fields, zip(bounds.u_low[-1], bounds.u_high[-1])))
         return Solved(
             is_feasible=not fallback.rejection_reason(solution, params.fallback),
             status=f'{level}: {solution.message}',
             iterations=solution.iterations,
-            command=self._command(plan),
-            t=params.model.step_s * np.arange(len(plan.X)),
+            command=setpoints.command_to(
+                target, Setpoints(x0.delta, x0.Fx), car, step_s, self.stamp_ns
+            ),
+            t=step_s * np.arange(len(plan.X)),
             states=State(*plan.X.T)._asdict(),
             inputs=Input(*plan.U.T)._asdict(),
-            limits=self._limits(),
+            limits={name: ends for name, ends in limits.items() if np.isfinite(ends).any()},
             terms={name: float(np.sum(term)) for name, term in view.costs._asdict().items()},
             weights=self.weights,
             distances=tuple(self._distances(view)),
@@ -203,16 +196,6 @@ class Problem:
             circles=(params.body.circle_radius_m, tuple(params.body.circle_offsets_m)),
             plan=plan,
         )
-
-    def _command(self, plan) -> Command:
-        params, car, x0 = (
-            self.prediction.params,
-            self.tick_problem.car,
-            self.tick_problem.x0,
-        )
-        target = setpoints.target_of_plan(plan, car, params.limits)
-        now = Setpoints(x0.delta, x0.Fx)
-        return setpoints.command_to(target, now, car, params.model.step_s, self.stamp_ns)
 
     def _distances(self, view):
         parameters, weights = self.tick_problem.parameters, self.weights
@@ -224,19 +207,9 @@ class Problem:
             edge = float(np.max(safe.e))  # of every stage where it fits the road
             yield Distance(f'{side} edge', D, edge, weights['v2e'] * priority)
 
-    def _limits(self):
-        """Return the limits of the last stage: those of states and inputs are equal at all."""
-        bounds, state = self.tick_problem.bounds, self.prediction.formulation.ocp.state
-        limits = dict(zip(state._fields, zip(bounds.x_low[-1], bounds.x_high[-1])))
-        limits |= dict(zip(Input._fields, zip(bounds.u_low[-1], bounds.u_high[-1])))
-        return {name: pair for name, pair in limits.items() if np.any(np.isfinite(pair))}
-
     def _active(self, plan):
-        problem, bounds, m = (
-            self.prediction.problem,
-            self.tick_problem.bounds,
-            plan.multipliers,
-        )
+        problem, bounds = self.prediction.problem, self.tick_problem.bounds
+        m = plan.multipliers
         P, X = self.tick_problem.parameters.P, self._to_local(plan).X
         g = problem.constraints(X[:-1].T, plan.U.T, P[:-1].T).full().T
         h = problem.terminal_constraints(X[-1], P[-1]).full().T
@@ -250,7 +223,7 @@ class Problem:
             (rows, g, bounds.g_low, bounds.g_high, m.g, unscaled),
             (('total',), h, *(row[None] for row in (bounds.h_low, bounds.h_high, m.h)), unit, N),
         )
-        return tuple(limit for group in groups for limit in find_active_limits(LimitGroup(*group)))
+        return tuple(limit for group in groups for limit in find_active_limits(*group))
 
 
 def pose(controller: ReplayedController, tick: Tick) -> Problem:
@@ -267,34 +240,41 @@ def pose(controller: ReplayedController, tick: Tick) -> Problem:
     return Problem(parts, controller.vehicle, solved.problem, tick.stamp_ns)
 
 
-def find_active_limits(group: LimitGroup) -> Iterator[ActiveLimit]:
+def find_active_limits(
+    names: Sequence[str],
+    values: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    multipliers: np.ndarray,
+    scale: np.ndarray,
+    first: int = 0,
+) -> Iterator[ActiveLimit]:
     """Yield the active limits: the multiplier exceeds the remaining slack, in the solver's units.
 
     At the end of an interior-point method the product of both is the barrier parameter: one of
-    them is large and the other one small.
+    them is large and the other one small. Arrays are (stages, quantities) in SI units.
+
+    multipliers  cost per SI unit, positive where the upper limit pushes
+    scale        (quantities,) SI units per unit of the solver
+    first        the stage of row 0
     """
-    force = np.abs(group.multipliers) * group.scale
-    upper = group.multipliers > 0
-    limit = np.where(upper, group.high, group.low)
-    slack = np.abs(limit - group.values) / group.scale
-    is_active = np.isfinite(limit) & (force > slack)
-    for i, name in enumerate(group.names):
+    force = np.abs(multipliers) * scale
+    upper = multipliers > 0
+    limit = np.where(upper, high, low)
+    is_active = np.isfinite(limit) & (force > np.abs(limit - values) / scale)
+    for i, name in enumerate(names):
         for side, pushes in (('lower', ~upper[:, i]), ('upper', upper[:, i])):
-            for rows in _intervals(is_active[:, i] & pushes):
-                at = rows[np.argmax(force[rows, i])]
-                yield ActiveLimit(
-                    name,
-                    side,
-                    first=group.first + int(rows[0]),
-                    last=group.first + int(rows[-1]),
-                    limit=float(limit[at, i]),
-                    multiplier=float(abs(group.multipliers[at, i])),
-                    at=group.first + int(at),
-                )
-
-
-def _intervals(is_active):
-    """Return the rows of every unbroken interval of True."""
-    rows = np.flatnonzero(is_active)
-    breaks = np.flatnonzero(np.diff(rows) > 1) + 1
-    return [interval for interval in np.split(rows, breaks) if len(interval)]
+            active = np.flatnonzero(is_active[:, i] & pushes)
+            # every unbroken interval of stages
+            for rows in np.split(active, np.flatnonzero(np.diff(active) > 1) + 1):
+                if len(rows):
+                    at = int(rows[np.argmax(force[rows, i])])
+                    yield ActiveLimit(
+                        name,
+                        side,
+                        first=first + int(rows[0]),
+                        last=first + int(rows[-1]),
+                        limit=float(limit[at, i]),
+                        multiplier=float(abs(multipliers[at, i])),
+                        at=first + at,
+                    )

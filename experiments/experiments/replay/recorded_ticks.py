@@ -37,8 +37,6 @@ JOINED = (STATE, ACTUATORS, OBSTACLES)
 TIME_LIMIT = 'time limit'
 STALE, STATE_STALE, HEARD = '_stale', 'state_stale', 'time.heard_ns'
 REJECTED_BY_AGE = ('too_old', 'from_future')
-
-
 NO_CHANGES: Mapping[str, float] = MappingProxyType({})
 
 
@@ -143,15 +141,6 @@ class RecordedTopic:
             )
         return self._decode(valid[0]) if valid else None
 
-    def restarts(self, before: int, row: int) -> bool:
-        """Return whether the stamp or the publisher's sequence decreases from a row to a later."""
-        back = self.stamp_ns[row] < self.stamp_ns[before]
-        return bool(back or 0 < self.sequence[row] <= self.sequence[before])
-
-    def has_between(self, after_ns: int, before_ns: int) -> bool:
-        """Return whether there is a message with a stamp strictly between two others."""
-        return bool(np.any((self.stamp_ns > after_ns) & (self.stamp_ns < before_ns)))
-
     def find(self, stamp_ns: int) -> Any:
         """Return the value of a stamp; None when it was not recorded."""
         return self.value(self.row_of[stamp_ns]) if stamp_ns in self.row_of else None
@@ -162,41 +151,22 @@ class RecordedTopic:
         return next((value for value in values if value is not None), None)
 
 
-class _LockstepSource:
-    """Inputs in lockstep: messages of the tick's stamp; of latched topics the newest up to it."""
+def _newest(topic, stamp_ns, wall_ns):
+    """Return the newest message up to a stamp, in realtime up to an instant of the wall clock.
 
-    def __init__(self, stamp_ns):
-        self.stamp_ns, self.gaps = stamp_ns, []
-
-    def state(self, topic):
-        return topic.at_stamp(self.stamp_ns)
-
-    current = state
-
-    def latched(self, topic):
-        return topic.newest(bisect_right(topic.stamp_ns, self.stamp_ns))
+    Repeated unchanged while valid: the first recorded message was already valid before.
+    """
+    sent = (topic.stamp_ns, stamp_ns) if wall_ns is None else (topic.sent_ns, wall_ns)
+    return topic.newest(bisect_right(*sent))
 
 
-class _RealtimeSource:
-    """Inputs in realtime: the newest message sent up to an instant of the wall clock."""
-
-    def __init__(self, stamp_ns, wall_ns):
-        self.stamp_ns, self.wall_ns, self.gaps = stamp_ns, wall_ns, []
-
-    def state(self, topic):
-        if self.stamp_ns in topic.row_of:
-            return topic.at_stamp(self.stamp_ns)
-        self.gaps.append('its state was lost')
-        return None
-
-    def current(self, topic):
-        if not bisect_right(topic.sent_ns, self.wall_ns):
-            self.gaps.append(f'what it knew of {topic.topic.name} was not recorded')
-        return self.latched(topic)
-
-    def latched(self, topic):
-        # repeated unchanged while valid: the first recorded message was already valid before
-        return topic.newest(bisect_right(topic.sent_ns, self.wall_ns))
+def _current(topic, stamp_ns, wall_ns, gaps):
+    """Return the message of a stamp, in realtime the newest."""
+    if wall_ns is None:
+        return topic.at_stamp(stamp_ns)
+    if not bisect_right(topic.sent_ns, wall_ns):
+        gaps.append(f'what it knew of {topic.topic.name} was not recorded')
+    return _newest(topic, stamp_ns, wall_ns)
 
 
 def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
@@ -212,26 +182,39 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
     reports, ticks, last = topics[WHY], [], None
     for row, why in islice(_distinct_reports(reports), most):
         stamp_ns = why.stamp_ns
-        begin_ns = int(reports.sent_ns[row]) - _duration_ns(why, 'prepare', 'solve')
-        source = _LockstepSource(stamp_ns) if lockstep else _RealtimeSource(stamp_ns, begin_ns)
-        restarted = last is None or reports.restarts(last, row)
+        gaps: list[str] = []
+        # when it began in realtime
+        wall_ns = int(reports.sent_ns[row]) - _duration_ns(why, 'prepare', 'solve')
+        instant = stamp_ns, None if lockstep else wall_ns
+        # also where the stamp or the publisher's sequence decreases
+        restarted = last is None or bool(
+            reports.stamp_ns[row] < reports.stamp_ns[last]
+            or 0 < reports.sequence[row] <= reports.sequence[last]
+        )
         # after braking without a state the set-points are reset to the actuators
         restarted = restarted or (_has_no_state(ticks[-1].why) and not _has_no_state(why))
         resumed = bool(why.values.get(RESUMED))
         restarted = restarted or resumed
-        if not restarted and topics[COMMAND].has_between(reports.stamp_ns[last], stamp_ns):
-            source.gaps.append(f'a tick without a message of {WHY}')
+        answered = topics[COMMAND].stamp_ns
+        if not restarted and np.any((answered > reports.stamp_ns[last]) & (answered < stamp_ns)):
+            gaps.append(f'a tick without a message of {WHY}')
+        state = None
+        if not _has_no_state(why):
+            if lockstep or stamp_ns in topics[STATE].row_of:
+                state = topics[STATE].at_stamp(stamp_ns)
+            else:
+                gaps.append('its state was lost')
         inputs = RecordedInputs(
-            state=None if _has_no_state(why) else source.state(topics[STATE]),
-            reference=source.latched(topics[REFERENCE]),
-            edges=source.latched(topics[EDGES]),
-            obstacles=source.current(topics[OBSTACLES]),
-            actuators=source.current(topics[ACTUATORS]) if restarted else None,
+            state=state,
+            reference=_newest(topics[REFERENCE], *instant),
+            edges=_newest(topics[EDGES], *instant),
+            obstacles=_current(topics[OBSTACLES], *instant, gaps),
+            actuators=_current(topics[ACTUATORS], *instant, gaps) if restarted else None,
             acts_ns=stamp_ns + _duration_ns(why, 'lead'),
             fault=stale_input(why),
             resumed=resumed,
             changes=run_time_parameters.reported(why.values),
-            compared=_compared_actuators(topics[ACTUATORS], why, source.gaps),
+            compared=_compared_actuators(topics[ACTUATORS], why, gaps),
         )
         command, prediction = (
             topics[name].find(stamp_ns) if name in topics else None
@@ -247,7 +230,7 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
                 command=command,
                 why=why,
                 prediction=prediction,
-                gaps=(*source.gaps, *find_gaps(why, command)),
+                gaps=(*gaps, *find_gaps(why, command)),
             )
         )
         last = row

@@ -117,13 +117,23 @@ def recorded_params(
     given = {k: value for k, value in recorded.items() if k not in node_parameters.MANAGED}
     gone = {key: given.pop(key) for key in [*given] if not any(key in own for own in known)}
     _warn_of(name, 'has parameters of its controller that are gone; left out', gone)
-    given = _newer_defaults(recorded, name) | given | _other_car(settings) | settings
+    file = share.path('mpcc_controller', 'config', f'{recorded.get(FORMULATION, DEFAULT)}.yaml')
+    today = parameters.read_file(file).values
+    newer = {key: value for key, value in today.items() if key not in recorded}
+    _warn_of(name, 'does not say all parameters of its controller, which is newer; assumed', newer)
+    given = newer | given | _other_car(settings) | settings
     try:
         params, vehicle = [
             parameters.build(cls, {k: v for k, v in given.items() if k in own}, source)
             for cls, own in zip(classes, known)
         ]
-        _refuse_unknown(given, known, source)
+        names = [name for own in known for name in own]
+        for key in given:
+            if key not in names:
+                raise parameters.ParameterError(
+                    f'{source(key)}: {key}: the controller has no such parameter'
+                    f'{closest(key, names)}'
+                )
         car_file.check_limits(params, vehicle, dict.fromkeys(settings, '--set'))
     except parameters.ParameterError as error:
         raise BagError(str(error)) from None
@@ -139,25 +149,6 @@ def _other_car(settings):
         return parameters.flatten(car_file.read(name))
     except (parameters.ParameterError, OSError) as error:
         raise BagError(f'--set {CAR_FILE}={name}: {error}') from None
-
-
-def _refuse_unknown(given, known, source):
-    names = [name for own in known for name in own]
-    for key in given:
-        if key not in names:
-            hint = closest(key, names)
-            raise parameters.ParameterError(
-                f'{source(key)}: {key}: the controller has no such parameter{hint}'
-            )
-
-
-def _newer_defaults(recorded, name):
-    """Return today's defaults of the parameters that are newer than the run."""
-    path = share.path('mpcc_controller', 'config', f'{recorded.get(FORMULATION, DEFAULT)}.yaml')
-    today = parameters.read_file(path).values
-    newer = {key: value for key, value in today.items() if key not in recorded}
-    _warn_of(name, 'does not say all parameters of its controller, which is newer; assumed', newer)
-    return newer
 
 
 def _warn_of(name, what, values):

@@ -218,12 +218,9 @@ def _terms(answer):
 def _term(solved, name):
     """Return weight, value and share of the cost of a term."""
     value, weight = solved.terms.get(name), solved.weights.get(name)
-    share = None if value is None or not solved.cost else 100 * value / solved.cost
-    return _number(weight, '.4g'), _number(value, '.4f'), _number(share, '.0f', ' %')
-
-
-def _number(value, form, unit=''):
-    return '–' if value is None else f'{value:{form}}{unit}'
+    share = '–' if value is None or not solved.cost else f'{100 * value / solved.cost:.0f} %'
+    texts = ('–' if n is None else f'{n:{form}}' for n, form in ((weight, '.4g'), (value, '.4f')))
+    return *texts, share
 
 
 def _distances(answer):

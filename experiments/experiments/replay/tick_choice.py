@@ -1,4 +1,4 @@
-"""Which tick of a recording is meant: by its number, a time, a station, or what happens there."""
+"""Which tick of a recording is meant: by a time, a station, or what happens there."""
 
 from typing import NamedTuple
 
@@ -18,74 +18,64 @@ from experiments.tick_events import EVENTS, LEAD_S, LOSS
 NS = 1e-9  # s
 
 
-class Moment(NamedTuple):
-    """What names a tick; exactly one of these is given."""
-
-    tick: int | None = None  # its number
-    time: float | None = None  # s since the first tick
-    station: float | None = None  # m along the reference
-    event: str | None = None  # one of EVENTS
-
-
 class ChosenTick(NamedTuple):
     """A tick and where it is."""
 
     number: int
     t: float  # s since the first tick
     station: float  # m
-    because: str  # what is there, '' for a tick that was named by number, time or station
+    because: str  # what is there, '' for a tick that was named by time or station
 
     def __str__(self) -> str:
         because = f': {self.because}' if self.because else ''
         return f'tick {self.number} at {self.t:.2f} s, station {self.station:.1f} m{because}'
 
 
-def choose(bag: read.Bag, moment: Moment) -> ChosenTick:
+def choose(
+    bag: read.Bag,
+    *,
+    time: float | None = None,
+    station: float | None = None,
+    event: str | None = None,
+) -> ChosenTick:
     """Return the tick that is meant: the last one that is not behind the moment.
 
-    Raises BagError for a moment that the recording does not have.
+    Given is one of: `time` [s] since the first tick, `station` [m] along the reference, `event`,
+    one of EVENTS. Raises BagError for a moment that the recording does not have.
     """
     stamps = np.array([tick.stamp_ns for tick in recorded_ticks.read_ticks(bag)])
     t = (stamps - stamps[0]) * NS
     columns = read.columns(drop_invalid(bag), recorded_ticks.NEEDED)
     drive = drive_from_columns(columns, bag.run_info, str(bag.path))
     series = compute_series(drive)
-    station = np.interp(stamps, drive.motion.stamp_ns, series.station)
-    number, because = _find(moment, bag, drive, series, stamps, t, station)
-    return ChosenTick(number, float(t[number]), float(station[number]), because)
-
-
-def _find(moment, bag, drive, series, stamps, t, station):
-    """Return the number of the tick, and why it is that one."""
-    if moment.tick is not None:
-        _check(bag, 'tick', moment.tick, 0, len(stamps) - 1, '')
-        return moment.tick, ''
-    if moment.time is not None:
-        _check(bag, 'tick at time', moment.time, 0.0, t[-1], ' s')
+    stations = np.interp(stamps, drive.motion.stamp_ns, series.station)
+    because = ''
+    if time is not None:
+        _check(bag, 'time', time, 0.0, t[-1], 's')
         # a time as text may be a rounding below that of its tick
-        return int(np.searchsorted(t, moment.time + 1e-6, side='right')) - 1, ''
-    if moment.station is not None:
-        _check(bag, 'tick at station', moment.station, station[0], station.max(), ' m')
-        return max(int(np.argmax(station > moment.station)) - 1, 0), ''
-    if moment.event == 'fallback':
-        return _first_fallback(bag, drive)
-    if moment.event == LOSS:
-        return _before_loss(bag, drive, series, stamps)
-    row, because = _extreme(bag, moment.event, series)
-    stamp = drive.motion.stamp_ns[row]
-    return max(int(np.searchsorted(stamps, stamp, side='right')) - 1, 0), because
+        number = int(np.searchsorted(t, time + 1e-6, side='right')) - 1
+    elif station is not None:
+        _check(bag, 'station', station, stations[0], stations.max(), 'm')
+        number = max(int(np.argmax(stations > station)) - 1, 0)
+    elif event == 'fallback':
+        (rows,) = np.nonzero(drive.ticks.fallback)
+        if not rows.size:
+            raise BagError(f'{bag.path}: every tick followed a fresh plan')
+        number, because = int(rows[0]), EVENTS[event]
+    elif event == LOSS:
+        number, because = _before_loss(bag, drive, series, stamps)
+    else:
+        row, because = _extreme(bag, event, series)
+        stamp = drive.motion.stamp_ns[row]
+        number = max(int(np.searchsorted(stamps, stamp, side='right')) - 1, 0)
+    return ChosenTick(number, float(t[number]), float(stations[number]), because)
 
 
 def _check(bag, what, value, low, high, unit):
     if not low <= value <= high:
-        raise BagError(f'{bag.path}: no {what} {value:g}{unit}; it has {low:g} to {high:g}{unit}')
-
-
-def _first_fallback(bag, drive):
-    (rows,) = np.nonzero(drive.ticks.fallback)
-    if not rows.size:
-        raise BagError(f'{bag.path}: every tick followed a fresh plan')
-    return int(rows[0]), EVENTS['fallback']
+        raise BagError(
+            f'{bag.path}: no tick at {what} {value:g} {unit}; it has {low:g} to {high:g} {unit}'
+        )
 
 
 def _before_loss(bag, drive, series, stamps):

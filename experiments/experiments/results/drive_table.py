@@ -96,12 +96,10 @@ def load(path: Path) -> DriveTable:
         raise BagError(f'{file}: no drive has a result')
     inputs = tuple(rows.columns[:place])
     for name in inputs:  # a list can be no group; its text can
-        driven[name] = driven[name].map(_text_of_list)
+        driven[name] = driven[name].map(
+            lambda value: str(value.tolist()) if isinstance(value, np.ndarray) else value
+        )
     return DriveTable(file, driven.reset_index(drop=True), inputs, len(rows) - len(driven))
-
-
-def _text_of_list(value):
-    return str(value.tolist()) if isinstance(value, np.ndarray) else value
 
 
 def _labels(rows, names):

@@ -134,36 +134,30 @@ def compare(
 
 
 def _difference(paired, table, rng):
+    from scipy.stats import bootstrap
+
     values = paired['_difference']
-    by_unit = values.groupby(table.units(paired)).mean()
-    low, high = bootstrap_mean(by_unit.to_numpy(), rng)
+    by_unit = values.groupby(table.units(paired)).mean().to_numpy()
+    low = high = np.nan  # of a single value
+    if len(by_unit) > 1:
+        low, high = bootstrap(
+            (by_unit,),
+            np.mean,
+            n_resamples=RESAMPLES,
+            confidence_level=CONFIDENCE,
+            method='percentile',
+            batch=max(1, 1_000_000 // len(by_unit)),
+            random_state=rng,
+        ).confidence_interval
     return {
         'pairs': len(values),
         'mean': float(by_unit.mean()),
-        'low': low,
-        'high': high,
+        'low': float(low),
+        'high': float(high),
         'median': float(values.median()),
         'greater': int((values > 0.0).sum()),
         'less': int((values < 0.0).sum()),
     }
-
-
-def bootstrap_mean(values: np.ndarray, rng: np.random.Generator) -> tuple[float, float]:
-    """Return the percentile bootstrap interval of a mean; NaN for a single value."""
-    from scipy.stats import bootstrap
-
-    if len(values) < 2:
-        return np.nan, np.nan
-    interval = bootstrap(
-        (values,),
-        np.mean,
-        n_resamples=RESAMPLES,
-        confidence_level=CONFIDENCE,
-        method='percentile',
-        batch=max(1, 1_000_000 // len(values)),
-        random_state=rng,
-    ).confidence_interval
-    return float(interval.low), float(interval.high)
 
 
 def repeats(table: DriveTable) -> bool:

@@ -6,7 +6,6 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pandas
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bags.errors import BagError
@@ -101,7 +100,9 @@ def write_map(
         table = table._replace(rows=table.rows.assign(**{name: marginals.levels(values, bins)}))
     summary = marginals.summarise(table, metric, columns)
     quantity = 'share' if 'share' in summary else 'median'
-    spread = (0.0, 1.0) if quantity == 'share' else _range(summary[quantity])
+    spread, numbers = (0.0, 1.0), summary[quantity].dropna()
+    if quantity == 'median' and len(numbers):
+        spread = numbers.min(), numbers.max()
 
     def draw(axes, part, _):
         cells = marginals.summarise(part, metric, columns).pivot(
@@ -162,7 +163,14 @@ def write_surface(
             note = f'{holds.sum()} of {holds.size}, no surface'
         else:
             note = f'{holds.sum()} of {holds.size}, skill {surface.skill:.2f}'
-            draw_surface(axes, surface)
+            grid = (surface.x, surface.y)
+            axes.pcolormesh(*grid, surface.share, cmap=COLOURS, vmin=0, vmax=1, rasterized=True)
+            lines = axes.contour(*grid, surface.share, CONTOURS, colors='k', linewidths=1.0)
+            axes.clabel(lines, fmt='%g', fontsize=8)
+            if surface.low.max() > SURE > surface.low.min():
+                axes.contour(
+                    *grid, surface.low, [SURE], colors='k', linestyles='--', linewidths=1.4
+                )
         axes.plot(x[holds], y[holds], 'o', ms=3.0, mfc=style.INK, mec='white', mew=0.4)
         axes.plot(x[~holds], y[~holds], 'o', ms=3.4, mfc='white', mec=style.INK, mew=0.6)
         axes.set_title(f'{axes.get_title(loc="left")} ({note})'.lstrip())
@@ -176,16 +184,6 @@ def write_surface(
             path.unlink()
         raise BagError('; '.join(faults))
     return paths
-
-
-def draw_surface(axes: Axes, surface: success_surface.Surface) -> None:
-    """Draw a surface: colours and contours of the share; dashed where it is surely 0.9."""
-    grid = (surface.x, surface.y)
-    axes.pcolormesh(*grid, surface.share, cmap=COLOURS, vmin=0, vmax=1, rasterized=True)
-    lines = axes.contour(*grid, surface.share, CONTOURS, colors='k', linewidths=1.0)
-    axes.clabel(lines, fmt='%g', fontsize=8)
-    if surface.low.max() > SURE > surface.low.min():
-        axes.contour(*grid, surface.low, [SURE], colors='k', linestyles='--', linewidths=1.4)
 
 
 def _panels(
@@ -211,11 +209,6 @@ def _rows_of(table, controller):
         return table
     rows = table.rows[table.rows[CONTROLLER] == controller]
     return table._replace(rows=rows.reset_index(drop=True))
-
-
-def _range(values):
-    known = values.dropna()
-    return (known.min(), known.max()) if len(known) else (0.0, 1.0)
 
 
 def _ink(colour):

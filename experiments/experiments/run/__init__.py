@@ -6,7 +6,6 @@ node_graph        one run: start, watch, stop, keep the bag
 compile_ahead     compiles controllers beside the first run
 processes         programs and nodes as processes
 staging           hidden folders in which runs are recorded
-repetition        whether a run repeats an older one, which it then replaces
 earlier_runs      earlier runs that new ones are compared with
 live_position     position of the car in a growing bag
 domain            reservation of a ROS domain

@@ -75,13 +75,10 @@ def _lock(domain):
 
 def _is_silent(domain):
     first = PORT_BASE + PORTS_PER_DOMAIN * domain + FIRST_UNICAST
-    return all(_is_free(first + PORTS_PER_PARTICIPANT * k) for k in range(PARTICIPANTS))
-
-
-def _is_free(port):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(('', port))
-        except OSError:
-            return False
+    for k in range(PARTICIPANTS):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(('', first + PORTS_PER_PARTICIPANT * k))
+            except OSError:
+                return False
     return True

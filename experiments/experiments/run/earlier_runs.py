@@ -17,26 +17,26 @@ def find(names: Sequence[str], folder: Path, scn: Scenario) -> list[Path]:
 
     Raises BagError for one that does not exist, is no bag, or drove another scenario.
     """
-    return [_find(name, folder, scn) for name in names]
-
-
-def _find(name, folder, scn):
-    path = Path(os.path.expanduser(name)) if os.sep in name else folder / name
-    if not path.exists():
-        runs = sorted(bag.parent.name for bag in folder.glob('*/metadata.yaml'))
-        there = f'; there are {", ".join(runs)}' if runs else '; there is none yet'
-        raise BagError(
-            f'--beside {name}: no run {os.path.relpath(path)}{there}{closest(name, runs)}'
-        )
-    info = read.run_info(path)
-    if info.get('scenario_sha256') != provenance.digest(scn.text):
-        what = info.get('scenario', 'an unknown one')
-        which = f'another version of {what}' if what == scn.name else f'another scenario, {what}'
-        raise BagError(
-            f'--beside {name}: {os.path.relpath(path)} drove {which}; drive its controller in this '
-            'one too (a second --controller)'
-        )
-    return path
+    paths = []
+    for name in names:
+        path = Path(os.path.expanduser(name)) if os.sep in name else folder / name
+        if not path.exists():
+            runs = sorted(bag.parent.name for bag in folder.glob('*/metadata.yaml'))
+            there = f'; there are {", ".join(runs)}' if runs else '; there is none yet'
+            raise BagError(
+                f'--beside {name}: no run {os.path.relpath(path)}{there}{closest(name, runs)}'
+            )
+        info = read.run_info(path)
+        if info.get('scenario_sha256') != provenance.digest(scn.text):
+            what = info.get('scenario', 'an unknown one')
+            same = what == scn.name
+            which = f'another version of {what}' if same else f'another scenario, {what}'
+            raise BagError(
+                f'--beside {name}: {os.path.relpath(path)} drove {which}; drive its controller in '
+                'this one too (a second --controller)'
+            )
+        paths.append(path)
+    return paths
 
 
 def describe_other_plants(paths: Sequence[Path]) -> list[str]:

@@ -3,6 +3,7 @@
 Each node is a process of its own.
 """
 
+import json
 import os
 import re
 import time
@@ -16,11 +17,12 @@ from bags.storage.message_filing import CLOCK
 from experiments.configuration import node_config
 from experiments.configuration.node_config import Controller, LoadedFacts, ScenarioFacts
 from experiments.progress import RunProgress
-from experiments.run import processes, repetition
+from experiments.run import processes
 from experiments.run.interrupt import Interrupt, Interrupted
 from experiments.run.live_position import STATE, PositionReader
 from experiments.run.processes import Process, ProcessError
 from experiments.run.staging import StagingDirectory
+from node_runtime.provenance import DIRTY
 
 POLL_S = {'lockstep': 0.0, 'realtime': 1.0}  # least time between two reads of the growing bag
 NICE = {'recorder': 5}  # realtime: messages wait for the recorder without harm
@@ -94,7 +96,7 @@ def run_once(
             plant_program=settings.plant,
         )
         node_config.write_run_info(facts, controller, settings.mode, nodes, run_info, loaded)
-        same = repetition.is_repetition(run_info, staging.final / staging.logs.name / run_info.name)
+        same = _is_repetition(run_info, staging.final / staging.logs.name / run_info.name)
         staging.keeps_older = not (settings.overwrite or same)
         if settings.markers:
             nodes = [node_config.build_markers_node(nodes), *nodes]
@@ -116,6 +118,25 @@ def run_once(
     return RunOutcome(
         name, code == FINISHED, message, staging.final, staging.older, staging.has_replaced
     )
+
+
+def _is_repetition(new, old):
+    """Return whether two files of run information say that both runs have the same bag.
+
+    Only in lockstep, and only where a commit tells which program ran: with uncommitted changes, or
+    outside of a repository, nothing does.
+    """
+    try:
+        ours, theirs = infos = [json.loads(file.read_text()) for file in (new, old)]
+        for info in infos:
+            info['parameters'] = nodes = json.loads(info.get('parameters', '{}'))
+            for name in ('out', 'run_info'):  # where the recorder writes differs between any two
+                nodes.get('recorder', {}).pop(name, None)
+    except (OSError, ValueError, TypeError, AttributeError):
+        return False
+    commit = ours.get('git_commit', '')
+    is_known = bool(commit) and not commit.endswith(DIRTY)
+    return is_known and ours.get('mode') == 'lockstep' and ours == theirs
 
 
 def _keep_failed(staging, message):
@@ -170,23 +191,18 @@ def _watch(running, time_limit_s, interrupt, progress, reader):
             progress.show(*position)
         limit_s = time_limit_s if has_state else min(time_limit_s, FIRST_STATE_S)
         if time.monotonic() - begin > limit_s:
-            raise ProcessError(_describe_delay(running, limit_s, has_state))
+            what = f'the run took longer than {limit_s:g} s of wall time'
+            if not has_state:
+                what += (
+                    f', and no state of the car was recorded (a plant sends {STATE}, in lockstep '
+                    f'{CLOCK}, too)'
+                )
+            lines = (f'\n  {p.name}: {processes.last_line(p.log)}' for p in running.values())
+            raise ProcessError(f'{what}; last messages of the nodes:{"".join(lines)}')
         interrupt.sleep()
     if plant.code not in REGULAR_ENDS:
         raise ProcessError(processes.exit_report(plant))
     return plant.code
-
-
-def _describe_delay(running, limit_s, has_state):
-    """Return what takes longer than `limit_s`, with the last message of each node."""
-    what = f'the run took longer than {limit_s:g} s of wall time'
-    if not has_state:
-        what += (
-            f', and no state of the car was recorded (a plant sends {STATE}, in lockstep {CLOCK}, '
-            'too)'
-        )
-    lines = (f'\n  {p.name}: {processes.last_line(p.log)}' for p in running.values())
-    return f'{what}; last messages of the nodes:{"".join(lines)}'
 
 
 def _cores(mode):

@@ -50,9 +50,7 @@ def run(request: Request, console: Console) -> int:
     any case.
     """
     # refused before a scenario loads SciPy
-    given = _read(request)
-    controllers = node_config.find_controllers(given.controllers, given.labels, programs=True)
-    scn = inputs.load_scenario(given.scenario)
+    given, controllers, scn = _read(request)
     if scn.expect:
         # imported late: it loads the metrics
         from experiments import pass_criteria
@@ -79,8 +77,8 @@ def run(request: Request, console: Console) -> int:
             console.print('[yellow]warning:[/] ', end='')
             print_text(console, text)
         runs = compared.values['runs']
-        _show_disagreement(outcomes, runs, console)
-        _show_why(outcomes, controllers, runs, console)
+        programs = {controller.run_name for controller in controllers if controller.program}
+        _explain(outcomes, programs, runs, console)
         if scn.expect:
             # instead of completion: a run that is to end in a stop never completes
             is_met = _meet_expectations(scn.expect, runs, console)
@@ -90,9 +88,11 @@ def run(request: Request, console: Console) -> int:
 
 
 def _read(request):
-    """Return what is driven: of the run file or scenario, and of the options."""
+    """Return what is driven, of the run file or scenario and the options; controllers; scenario."""
     run = run_file.load(request.scenario)
-    return run_file.with_options(run, request.controllers, request.settings, request.label)
+    given = run_file.with_options(run, request.controllers, request.settings, request.label)
+    controllers = node_config.find_controllers(given.controllers, given.labels, programs=True)
+    return given, controllers, inputs.load_scenario(given.scenario)
 
 
 def _show_earlier_runs(outcomes, overwrites, console):
@@ -108,15 +108,22 @@ def _show_earlier_runs(outcomes, overwrites, console):
         print_text(console, f'{outcome.controller}: {what}')
 
 
-def _show_why(outcomes, controllers, runs, console):
-    """Print for each car that was lost the command that shows what its controller planned."""
-    programs = {controller.run_name for controller in controllers if controller.program}
+def _explain(outcomes, programs, runs, console):
+    """Say why the exit code is 1 for a run that the plant completed, and what shows a loss."""
     for outcome in outcomes:
-        metrics = runs.get(outcome.controller)
+        run = runs.get(outcome.controller)
+        if outcome.completed and run and not run['completed']:
+            print_text(
+                console,
+                f'{outcome.controller}: not completed, although the plant reports '
+                f'"{outcome.message}": {run["verdict"]}; the exit code is 1',
+            )
+    for outcome in outcomes:
+        run = runs.get(outcome.controller)
         # a program of the user has no problem that could be solved again
-        if not metrics or not outcome.bag or outcome.controller in programs:
+        if not run or not outcome.bag or outcome.controller in programs:
             continue
-        if metrics['collided'] or metrics['left_road'] or metrics['lost']:
+        if run['collided'] or run['left_road'] or run['lost']:
             bag = shlex.quote(os.path.relpath(outcome.bag))
             print_text(
                 console,
@@ -149,18 +156,6 @@ def _begin_import() -> threading.Thread:
     return thread
 
 
-def _show_disagreement(outcomes, runs, console):
-    """Explain exit code 1 for the runs that are completed by the plant, not by the comparison."""
-    for outcome in outcomes:
-        run = runs.get(outcome.controller)
-        if outcome.completed and run and not run['completed']:
-            print_text(
-                console,
-                f'{outcome.controller}: not completed, although the plant reports '
-                f'"{outcome.message}": {run["verdict"]}; the exit code is 1',
-            )
-
-
 def run_controllers(
     request: Request, console: Console, compiles: bool = True
 ) -> tuple[Path, list[RunOutcome]]:
@@ -168,10 +163,8 @@ def run_controllers(
 
     `compiles` is whether to compile ahead: not where the caller does it.
     """
-    given = _read(request)
-    controllers = node_config.find_controllers(given.controllers, given.labels, programs=True)
+    given, controllers, scn = _read(request)
     overrides = given.settings
-    scn = inputs.load_scenario(given.scenario)
     facts = inputs.scenario_facts(scn, given.scenario)
     folder = request.out / facts.name
     plant = node_config.find_plant(request.plant) if request.plant else ()
@@ -182,12 +175,12 @@ def run_controllers(
         nodes = node_config.build_nodes(
             facts, controller, request.mode, folder, folder, overrides, given.origins
         )
-        name, loaded_parameters = controller.run_name, inputs.check_parameters(nodes)
+        own_parameters = inputs.check_parameters(nodes)
         if not (request.any_car or controller.program or plant):
-            inputs.check_car_fits(nodes, loaded_parameters)
+            inputs.check_car_fits(nodes, own_parameters)
         if not controller.program:
-            inputs.check_problem(loaded_parameters, controller.name)
-        checked[name] = nodes, loaded_parameters
+            inputs.check_problem(own_parameters, controller.name)
+        checked[controller.run_name] = nodes, own_parameters
     own = [checked[c.run_name][1][inputs.CONTROLLER] for c in controllers if not c.program]
     with compile_ahead.compiling(own if compiles_ahead else ()):
         loaded = {}

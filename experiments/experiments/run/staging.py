@@ -31,22 +31,15 @@ def created_folder(folder: Path, option: str) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         _remove_empty(created)
-        raise BagError(
-            f'{option}: cannot create the folder {folder}: {_reason(folder, error)}'
-        ) from None
+        there = next(path for path in (folder, *folder.parents) if os.path.lexists(path))
+        reason = error.strerror if os.path.isdir(there) else f'{there} is not a folder'
+        raise BagError(f'{option}: cannot create the folder {folder}: {reason}') from None
     try:
         if not os.access(folder, os.W_OK | os.X_OK):
             raise BagError(f'{option}: no permission to write to the folder {folder}')
         yield
     finally:
         _remove_empty(created)
-
-
-def _reason(folder, error):
-    for path in (folder, *folder.parents):
-        if os.path.lexists(path):
-            return error.strerror if os.path.isdir(path) else f'{path} is not a folder'
-    return error.strerror
 
 
 def _remove_empty(folders):

@@ -16,7 +16,6 @@ from experiments import simulation
 from experiments.configuration import inputs
 from experiments.simulation import Setup
 from experiments.survivable.road_coordinates import RoadCoordinates
-from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.records import TickInputs
 from msgs_yaml import conversions
 from msgs_yaml.conversions import NS_PER_S
@@ -61,7 +60,8 @@ class Emergency:
         scn = setup.scn
         self.course = RoadCoordinates(scn.reference, scn.edges)
         self._stop = inputs.stop_params(scn)
-        self.car = _new_car(setup)
+        patches = road_friction.patch_array(*scn.patches)
+        self.car = Simulator(setup.plant, setup.friction, Start(*scn.start), patches=patches)
         self._end = RunEnd(self._stop, self.car.now)
         self._tracks, self._commands = [self.car.now], []
         if not preview:
@@ -120,10 +120,7 @@ class Emergency:
         setup = self.setup
         if not setup.scn.actors or self.obstacles_at(self.car.stamp_ns).items:
             return
-        controller = Controller(setup.params, setup.vehicle)
-        controller.reset(self.car.actuators)
-        controller.set_reference(conversions.reference_as_received(setup.scn.reference))
-        controller.set_edges(setup.scn.edges)
+        controller = simulation.make_controller(setup, self.car)
         while not self.obstacles_at(self.car.stamp_ns).items:
             controller.set_obstacles(Obstacles(self.car.stamp_ns, ()))
             state = conversions.odometry_as_received(self.car.state)
@@ -135,8 +132,3 @@ class Emergency:
                 self.car, self._end = before
                 self._tracks.pop(), self._commands.pop()
                 return
-
-
-def _new_car(setup):
-    patches = road_friction.patch_array(*setup.scn.patches)
-    return Simulator(setup.plant, setup.friction, Start(*setup.scn.start), patches=patches)

@@ -61,10 +61,16 @@ class Judge:
     def shortfall(self, rollout: Rollout) -> Shortfall:
         """Return what a rollout lacks."""
         X, Y, psi, vx, vy = rollout.states()
-        stamps = rollout.stamps()
-        gap = sum(
-            max(0.0, MARGIN_M - self._least_gap(stamps, X, Y, psi, table)) for table in self._tables
-        )
+        since = (rollout.stamps() - self._emergency.start_ns) / NS_PER_S
+        gap = 0.0
+        for table in self._tables:
+            k = np.minimum((since * NS_PER_S / TICK_NS).astype(int), len(table) - 1)
+            x, y, vx_o, vy_o, r = table[k].T
+            age = since - k * TICK_NS / NS_PER_S
+            place = x + vx_o * age, y + vy_o * age
+            gaps = geometry.gap_to_circle(X, Y, psi, self._outline, *place, r)
+            if np.isfinite(gaps).any():  # while it is present
+                gap += max(0.0, MARGIN_M - np.nanmin(gaps))
         wheels = geometry.transform_to_map(self._wheels, X[::5], Y[::5], psi[::5])
         beyond = self._emergency.course.beyond_edge(wheels[..., 0], wheels[..., 1]).max()
         moving = np.hypot(vx, vy) > SLIDING_FROM_MPS
@@ -74,15 +80,6 @@ class Judge:
             max(0.0, beyond - SHOULDER_M + ROAD_MARGIN_M),
             max(0.0, sideslip - SLIDING_DEG + SLIDING_MARGIN_DEG) / 10,
         )
-
-    def _least_gap(self, stamps, X, Y, psi, table):
-        """Return the least gap [m] to one obstacle while it is present, infinite without."""
-        since = (stamps - self._emergency.start_ns) / NS_PER_S
-        k = np.minimum((since * NS_PER_S / TICK_NS).astype(int), len(table) - 1)
-        x, y, vx, vy, r = table[k].T
-        age = since - k * TICK_NS / NS_PER_S
-        gap = geometry.gap_to_circle(X, Y, psi, self._outline, x + vx * age, y + vy * age, r)
-        return np.nanmin(gap, initial=np.inf) if np.isfinite(gap).any() else np.inf
 
     def _obstacle_tables(self):
         """Return (ticks, 5) per obstacle: x, y, vx, vy, radius; not-a-number while absent."""

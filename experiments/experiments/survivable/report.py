@@ -1,8 +1,8 @@
 """`experiments survivable`: search where every controller lost, and show what was possible."""
 
+import argparse
 import json
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping
 
 import pandas
 from rich.console import Console
@@ -30,23 +30,13 @@ FOLDER = 'possible'  # of the verdicts, in the first folder of drives
 SHOWN_LOSSES = 100
 
 
-def run(
-    folders: Sequence[Path],
-    base: str,
-    console: Console,
-    *,
-    budget: int,
-    preview: bool = False,
-    jobs: int = 1,
-    table: Path | None = None,
-) -> int:
+def run(options: argparse.Namespace, console: Console) -> int:
     """Show regret, losses and paired comparisons; 0 when no search failed. Raises BagError.
 
-    base    the controller whose losses are listed and with which the others are paired
-    budget  rollouts per draw; 0: search nothing
-    table   receives drives and answers
+    `options` are those of `experiments survivable`.
     """
-    drives = regret.read_drives(folders)
+    base, budget, preview = options.base, options.budget, options.preview
+    drives = regret.read_drives(options.folders)
     names = list(dict.fromkeys(drives['name']))
     if base not in names:
         hint = closest(base, names)
@@ -56,9 +46,10 @@ def run(
     answers |= dict.fromkeys(drives['what'][drives['survived'].eq(True)], (POSSIBLE, 0))
     failures: list[str] = []
     if budget:
-        first = folders[0].parent if folders[0].is_file() else folders[0]
+        first = options.folders[0]
+        first = first.parent if first.is_file() else first
         draws = [draw for draw in dict.fromkeys(drives['what']) if draw not in answers]
-        searched = _search(draws, budget, preview, jobs, first / FOLDER, failures, console)
+        searched = _search(draws, options, first / FOLDER, failures, console)
         answers |= {draw: (answer, budget) for draw, answer in searched.items()}
     known = [answers.get(draw, (UNDECIDED, 0)) for draw in drives['what']]
     drives[ANSWER], drives[BUDGET] = zip(*known)
@@ -73,9 +64,9 @@ def run(
         print_text(console, f'and {len(losses) - SHOWN_LOSSES:,} more')
     if len(names) > 1:
         console.print(build_pairs(drives, base))
-    if table:
-        regret.write_table(drives, table)
-        print_text(console, str(table))
+    if options.table:
+        regret.write_table(drives, options.table)
+        print_text(console, str(options.table))
     for text in failures:
         print_text(console, text)
     return 1 if failures else 0
@@ -97,19 +88,20 @@ def _kept_answers(drives, budget, preview) -> dict[Row, tuple[str, int]]:
     return dict(zip(kept['what'], zip(kept[ANSWER], kept[BUDGET])))
 
 
-def _search(draws, budget, preview, jobs, folder, failures, console) -> Mapping[Row, str]:
+def _search(draws, options, folder, failures, console) -> Mapping[Row, str]:
     """Return the answers of draws; one without goes to `failures`."""
     if not draws:
         return {}
+    how = options.budget, options.preview
     errors: dict[str, str] = {}
     with (
         CountProgress(console) as progress,
         DriveRecords(folder) as records,
-        Pool(jobs) as pool,
+        Pool(options.jobs) as pool,
     ):
-        keys = {draw: regret.verdict_key(draw, budget, preview) for draw in draws}
+        keys = {draw: regret.verdict_key(draw, *how) for draw in draws}
         missing = {key: draw for draw, key in keys.items() if key not in records}
-        tasks = [(draw, budget, preview) for draw in missing.values()]
+        tasks = [(draw, *how) for draw in missing.values()]
         ended = pool.finish_each(regret.verdict, tasks)
         record_each(ended, list(missing), len(draws), records, errors, progress)
         for key, error in errors.items():

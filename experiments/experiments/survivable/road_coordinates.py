@@ -20,15 +20,12 @@ class RoadCoordinates:
     def __init__(self, reference: Reference, edges: RoadEdges):
         """Take the line from the coarse path, and the offsets of the edges beside it."""
         X, Y = np.asarray(reference.X, float), np.asarray(reference.Y, float)
-        t = np.asarray(reference.t, float)
         s = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(X), np.diff(Y)))])
         end = np.array([X[-1] - X[-2], Y[-1] - Y[-2]]) / (s[-1] - s[-2])
-        v_end = (s[-1] - s[-2]) / (t[-1] - t[-2])
         beyond = np.arange(SPACING_M, BEYOND_M, SPACING_M)
         self.s = np.concatenate([s, s[-1] + beyond])
         self.X = np.concatenate([X, X[-1] + end[0] * beyond])
         self.Y = np.concatenate([Y, Y[-1] + end[1] * beyond])
-        self.t = np.concatenate([t, t[-1] + beyond / v_end])
         self.psi = np.unwrap(np.arctan2(np.gradient(self.Y), np.gradient(self.X)))
         self._tree = cKDTree(np.column_stack([self.X, self.Y]))
         self.left = self._edge_offset(edges.left)
@@ -41,10 +38,6 @@ class RoadCoordinates:
         dx, dy = X - self.X[i], Y - self.Y[i]
         cos, sin = np.cos(self.psi[i]), np.sin(self.psi[i])
         return self.s[i] + dx * cos + dy * sin, dy * cos - dx * sin
-
-    def speed(self, s: np.ndarray) -> np.ndarray:
-        """Return the desired speed [m/s] at stations."""
-        return np.interp(s, (self.s[1:] + self.s[:-1]) / 2, np.diff(self.s) / np.diff(self.t))
 
     def room(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the offsets [m] of the right and the left edge at stations."""

@@ -86,22 +86,17 @@ def _meetings(emergency, s) -> Iterator[Meeting]:
         blocks.append(
             (min(car.min(), own.min()), max(car.max(), own.max()), right.min(), left.max())
         )
-    group = []
+    groups = []
     for begin, end, right, left in sorted(blocks):
         road_right, road_left = emergency.course.room((begin + end) / 2)
         if left < road_right or right > road_left:
             continue
-        if group and begin - group[0][0] > TOGETHER_M:
-            yield _meeting(group)
-            group = []
-        group.append((begin, end, right, left))
-    if group:
-        yield _meeting(group)
-
-
-def _meeting(group):
-    blocked = tuple((right, left) for _, _, right, left in group)
-    return Meeting(group[0][0], max(end for _, end, _, _ in group), blocked)
+        if not groups or begin - groups[-1][0][0] > TOGETHER_M:
+            groups.append([])
+        groups[-1].append((begin, end, right, left))
+    for group in groups:
+        blocked = tuple((right, left) for _, _, right, left in group)
+        yield Meeting(group[0][0], max(end for _, end, _, _ in group), blocked)
 
 
 def _intervals(meeting, course, width):

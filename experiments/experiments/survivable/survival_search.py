@@ -14,13 +14,13 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from cmaes import CMA
 from scipy.interpolate import CubicSpline
 
 from bags.evaluation.drive import Drive
 from experiments.simulation import Setup
 from experiments.survivable import bound, sides
 from experiments.survivable.emergency import TICK_S, Emergency, Rollout
-from experiments.survivable.evolution import Evolution
 from experiments.survivable.judgement import Judge, survives
 from experiments.survivable.pilots import Foresight, Manoeuvre, Tracker
 from experiments.survivable.sides import Approach
@@ -117,7 +117,7 @@ class _Search:
             if self.judge.may_survive(rollout):
                 yield f'a tracked approach {i}', rollout
         starts.sort(key=lambda start: start[:2])
-        runs = [_Run(i, shape, Evolution(shape.start, shape.scale, rng)) for _, i, shape in starts]
+        runs = [_Run(i, shape, int(rng.integers(2**31))) for _, i, shape in starts]
         del runs[STARTS:]
         while any(not run.has_settled for run in runs):
             for run in runs:
@@ -128,23 +128,28 @@ class _Search:
 
     def _generation(self, run):
         """Drive a generation and yield those that may survive."""
-        shape, candidates, costs = run.shape, run.evolution.ask(), []
-        for vector in candidates:
+        shape, costs = run.shape, []
+        candidates = [run.search.ask() for _ in range(run.search.population_size)]
+        for vector in (candidate * shape.scale for candidate in candidates):
             rollout, cost = self._roll(shape.pilot(vector), shape.ticks)
             costs.append(cost + EFFORT * shape.effort(vector))
             if self.judge.may_survive(rollout):
                 whole, _ = self._roll(shape.pilot(vector))
                 if self.judge.may_survive(whole):
                     yield f'a manoeuvre around approach {run.approach}', whole
-        run.evolution.tell(candidates, np.array(costs))
+        run.search.tell([*zip(candidates, costs)])
         run.best.append(min(costs))
 
 
 class _Run:
-    """A search around one approach."""
+    """A search around one approach by CMA-ES, in units of the scale of its vectors.
 
-    def __init__(self, approach: int, shape: '_Shape', evolution: Evolution):
-        self.approach, self.shape, self.evolution = approach, shape, evolution
+    Hansen, "The CMA Evolution Strategy: A Tutorial".
+    """
+
+    def __init__(self, approach: int, shape: '_Shape', seed: int):
+        self.approach, self.shape = approach, shape
+        self.search = CMA(shape.start / shape.scale, 1.0, seed=seed)
         self.best: list[float] = []  # cost of each generation
 
     @property

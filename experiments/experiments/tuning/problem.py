@@ -14,16 +14,17 @@ A weight is 1 / tolerance^2, so three decades of a tolerance are six of its weig
 logarithmic. The ranges are the same for every controller; a formulation names its weights.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from optuna.distributions import FloatDistribution
 
 from bags.errors import BagError
 from bags.evaluation import metrics
 from bags.evaluation.drive import Drive
 from experiments import simulation
+from experiments.configuration import inputs
 from experiments.configuration.inputs import KPH
 from experiments.drive_row import SCENARIO_SPEED, Row
 from experiments.simulation import Setup
@@ -36,22 +37,6 @@ SIDESLIP_SCALE_DEG = 3.0
 CONSTRAINTS = ('v2o', 'v2e', 'completed', 'tracking')
 WIDTH_DECADES = 1.0  # either side of the untuned value in stage 1
 NARROWING = 4.0  # ratio of the widths of stage 1 and stage 2, in decades
-
-
-class Span(NamedTuple):
-    """The range of one weight."""
-
-    low: float
-    high: float
-
-    @property
-    def decades(self) -> float:
-        """The width in decades."""
-        return math.log10(self.high / self.low)
-
-    def clip(self, value: float) -> float:
-        """Return the nearest value in the range; rounding may have left it."""
-        return min(max(value, self.low), self.high)
 
 
 class Condition(NamedTuple):
@@ -163,7 +148,7 @@ def untuned_weights(controller: str) -> dict[str, float]:
     Raises BagError for an unknown controller, and for a weight of zero, around which no logarithmic
     range exists.
     """
-    values = parameters.flatten(simulation.prepare(SCENARIO, controller).params)
+    values = parameters.flatten(inputs.controller_params(controller))
     names = formulation.find(values['formulation.name']).tuned_weights
     weights = {name: float(values[name]) for name in names}
     for name, value in weights.items():
@@ -172,22 +157,19 @@ def untuned_weights(controller: str) -> dict[str, float]:
     return weights
 
 
-def safety_distances(controller: str) -> dict[str, float]:
-    """Return the safety distances D_sft [m] of a controller: v2o to obstacles, v2e to edges."""
-    safety = simulation.prepare(SCENARIO, controller).params.safety
-    return {'v2o': safety.obstacle_m, 'v2e': safety.edge_m}
-
-
-def wide_spans(centre: Mapping[str, float]) -> dict[str, Span]:
+def wide_spans(centre: Mapping[str, float]) -> dict[str, FloatDistribution]:
     """Return the ranges of stage 1 around the untuned weights."""
     factor = 10.0**WIDTH_DECADES
-    return {name: Span(value / factor, value * factor) for name, value in centre.items()}
+    return {n: FloatDistribution(v / factor, v * factor, log=True) for n, v in centre.items()}
 
 
-def narrow_spans(spans: Mapping[str, Span], best: Mapping[str, float]) -> dict[str, Span]:
+def narrow_spans(
+    spans: Mapping[str, FloatDistribution], best: Mapping[str, float]
+) -> dict[str, FloatDistribution]:
     """Return the ranges of stage 2: narrower ones about the best of stage 1, within its ranges."""
     narrow = {}
     for name, span in spans.items():
-        factor = 10.0 ** (span.decades / NARROWING / 2)
-        narrow[name] = Span(max(span.low, best[name] / factor), min(span.high, best[name] * factor))
+        factor = (span.high / span.low) ** (0.5 / NARROWING)
+        ends = max(span.low, best[name] / factor), min(span.high, best[name] * factor)
+        narrow[name] = FloatDistribution(*ends, log=True)
     return narrow

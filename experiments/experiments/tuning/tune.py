@@ -14,7 +14,7 @@ from rich.table import Table
 
 from bags.command_line import print_text
 from bags.errors import BagError
-from experiments.configuration import node_config
+from experiments.configuration import inputs, node_config
 from experiments.pool import Pool
 from experiments.progress import CountProgress
 from experiments.tuning import problem, tuning_figure, weight_search
@@ -121,7 +121,10 @@ def summarise(plan: SearchPlan, trials: Sequence[Trial]) -> dict[str, Any]:
     first_stage = [trial for trial in trials if trial.stage == 1]
     return {
         'controller': plan.controller,
-        'command': _command(plan),
+        'command': (
+            f'experiments tune {plan.controller} --seed {plan.seed} --trials '
+            f'{" ".join(map(str, plan.trials))} --tracking {plan.tracking_m:g}'
+        ),
         'plan': {**plan._asdict(), 'conditions': [c._asdict() for c in plan.conditions]},
         'drives': plan.runs,
         'safe_trials': sum(trial.is_feasible for trial in trials),
@@ -133,16 +136,9 @@ def summarise(plan: SearchPlan, trials: Sequence[Trial]) -> dict[str, Any]:
     }
 
 
-def _command(plan):
-    trials = ' '.join(map(str, plan.trials))
-    return (
-        f'experiments tune {plan.controller} --seed {plan.seed} --trials {trials} '
-        f'--tracking {plan.tracking_m:g}'
-    )
-
-
 def _trial_summary(trial, plan):
-    safety_m = problem.safety_distances(plan.controller)
+    safety = inputs.controller_params(plan.controller).safety
+    safety_m = {'v2o': safety.obstacle_m, 'v2e': safety.edge_m}
     violated = problem.describe_violations(trial.violations, plan.tracking_m, safety_m)
     return {
         'stage': trial.stage,

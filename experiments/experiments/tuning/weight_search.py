@@ -21,10 +21,10 @@ from optuna.samplers import TPESampler
 
 from experiments import code_version, drive_row
 from experiments.drive_records import DriveRecords
-from experiments.drive_row import SCENARIO_SPEED, Row
+from experiments.drive_row import SCENARIO_SPEED
 from experiments.pool import Pool
 from experiments.tuning import problem
-from experiments.tuning.problem import Condition, Score, Span
+from experiments.tuning.problem import Condition, Score
 
 DIGITS = 4  # significant; more would claim a precision that a search over chaotic runs lacks
 
@@ -101,15 +101,16 @@ def _run_stage(
     plan: SearchPlan,
     stage: int,
     first: Mapping[str, float],
-    spans: Mapping[str, Span],
+    spans: Mapping[str, FloatDistribution],
     records: DriveRecords,
     pool: Pool,
     on_run: Callable[[], None],
 ) -> Iterator[Trial]:
     """Yield the trials of a stage, batch by batch."""
     study = optuna.create_study(direction='minimize')
-    study.enqueue_trial({name: span.clip(first[name]) for name, span in spans.items()})
-    ranges = {name: FloatDistribution(*span, log=True) for name, span in spans.items()}
+    # rounding may have left the range
+    inside = {n: min(max(first[n], span.low), span.high) for n, span in spans.items()}
+    study.enqueue_trial(inside)
     total = plan.trials[stage - 1]
     for begin in range(0, total, plan.batch):
         asked = []
@@ -117,7 +118,7 @@ def _run_stage(
             # seeded per trial: the first trials of a stage do not depend on their number
             seed = np.random.SeedSequence((plan.seed, stage, number)).generate_state(1)[0]
             study.sampler = TPESampler(seed=int(seed), n_startup_trials=plan.random[stage - 1])
-            asked.append(study.ask(ranges))
+            asked.append(study.ask(dict(spans)))
         # as in a tuned controller file
         weights = [
             {name: float(f'{value:.{DIGITS}g}') for name, value in trial.params.items()}
@@ -140,7 +141,9 @@ def _run_stage(
 
 def _drive(rows, records, pool, on_run):
     """Return the score of each row, in their order; drive those that have none."""
-    keys = [_key(row) for row in rows]
+    # of all that decides a score
+    code = code_version.digest((*code_version.ROOTS, problem.__name__))
+    keys = [hashlib.sha256(f'{drive_row.key(row)} {code}'.encode()).hexdigest() for row in rows]
     missing = {key: row for key, row in zip(keys, rows) if key not in records}
     tasks = [
         (
@@ -156,12 +159,6 @@ def _drive(rows, records, pool, on_run):
         records.add(list(missing)[ended.number], ended.value)
         on_run()
     return [Score(**json.loads(records[key])) for key in keys]
-
-
-def _key(row: Row) -> str:
-    """Return the SHA-256 of all that decides the score of a row."""
-    code = code_version.digest((*code_version.ROOTS, problem.__name__))
-    return hashlib.sha256(f'{drive_row.key(row)} {code}'.encode()).hexdigest()
 
 
 def as_table(trials: Sequence[Trial]) -> pandas.DataFrame:

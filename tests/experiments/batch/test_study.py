@@ -9,7 +9,7 @@ from scipy import stats
 from bags.errors import BagError
 from experiments import drive_row
 from experiments.batch import distributions, study_file, study_rows
-from experiments.batch.distributions import Choice, LogUniform, Normal, Uniform
+from experiments.batch.distributions import Distribution
 from experiments.drive_row import NOMINAL, SCENARIO_FRICTION, SCENARIO_SPEED
 from experiments.families import draw as families
 from msgs_yaml import share
@@ -17,10 +17,10 @@ from msgs_yaml.strict_yaml import read
 
 MASS, LAG = 'plant.car.body.mass_kg', 'controller.tolerances.lag_m'
 FOUR = {
-    'a': Uniform(-1.0, 3.0),
-    'b': LogUniform(0.1, 10.0),
-    'c': Normal(1.0, 0.5, 0.0, 1.5),
-    'd': Choice(('x', 'y')),
+    'a': Distribution('uniform', (-1.0, 3.0)),
+    'b': Distribution('log_uniform', (0.1, 10.0)),
+    'c': Distribution('normal', (0.0, 1.5), 1.0, 0.5),
+    'd': Distribution('choice', ('x', 'y')),
 }
 
 
@@ -165,20 +165,22 @@ def test_a_part_of_a_sample_is_that_part_of_a_longer_one(first, count, seed):
     st.floats(0.01, 3.0),
 )
 def test_no_value_leaves_its_interval(low, width, share, offset_sds, sd):
-    high = low + width
-    assert low <= Uniform(low, high).value(share) <= high
-    assert low <= Normal(low + offset_sds * sd, sd, low, high).value(share) <= high
-    assert width <= LogUniform(width, 7.0 * width).value(share) <= 7.0 * width
-    assert Choice((1, 2, 3)).value(share) in (1, 2, 3)
+    ends = low, low + width
+    for kind in ('uniform', 'normal'):
+        value = Distribution(kind, ends, low + offset_sds * sd, sd).value(share)
+        assert ends[0] <= value <= ends[1]
+    value = Distribution('log_uniform', (width, 7.0 * width)).value(share)
+    assert width <= value <= 7.0 * width
+    assert Distribution('choice', (1, 2, 3)).value(share) in (1, 2, 3)
 
 
 @pytest.mark.parametrize(
     ('text', 'distribution'),
     [
-        ('{uniform: [1, 2e0]}', Uniform(1.0, 2.0)),
-        ('{log_uniform: [1e-3, 1]}', LogUniform(0.001, 1.0)),
-        ('{normal: [0, 1], within: [-1, 2]}', Normal(0.0, 1.0, -1.0, 2.0)),
-        ('{choice: [free, 2, true]}', Choice(('free', 2, True))),
+        ('{uniform: [1, 2e0]}', ('uniform', (1.0, 2.0), 0.0, 1.0)),
+        ('{log_uniform: [1e-3, 1]}', ('log_uniform', (0.001, 1.0), 0.0, 1.0)),
+        ('{normal: [0.5, 2], within: [-1, 2]}', ('normal', (-1.0, 2.0), 0.5, 2.0)),
+        ('{choice: [free, 2, true]}', ('choice', ('free', 2, True), 0.0, 1.0)),
     ],
 )
 def test_distributions_are_read(tmp_path, text, distribution):

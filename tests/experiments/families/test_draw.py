@@ -75,32 +75,6 @@ def test_both_sides_are_drawn():
     assert 4 <= wide <= 16
 
 
-def test_nominal_pop_ups_can_be_passed_or_stopped_for():
-    """Against another closed form: the two manoeuvres of a point mass, integrated by time."""
-    for index in range(30):
-        scn = draw('pop_up', 7, index).scenario()
-        (actor,) = scn.actors
-        speed, o = scn.start.speed, actor.obstacle
-        distance = o.X - speed * actor.appears
-        t = np.linspace(0.0, distance / speed, 2001)
-        a = np.where(t > feasibility.DELAY_S, feasibility.GRIP_SHARE * feasibility.GRAVITY, 0.0)
-        velocity = np.cumsum(a) * t[1]
-        aside = velocity.sum() * t[1]
-        needed = o.r_obs + feasibility.CAR_WIDTH / 2 + feasibility.CLEARANCE - abs(o.Y)
-        slowest = max(0.0, speed - velocity[-1])
-        stops = slowest == 0.0 or _stopping_distance(speed) < distance - o.r_obs
-        assert aside > needed - 0.02 or stops, index
-
-
-def _stopping_distance(speed, step=1e-4):
-    v, s, t = speed, 0.0, 0.0
-    while v > 0.0:
-        s += v * step
-        t += step
-        v -= step * feasibility.GRIP_SHARE * feasibility.GRAVITY * (t > feasibility.DELAY_S)
-    return s
-
-
 def test_a_barrier_closes_the_whole_road():
     scn = draw('closed_road', 1, 0).scenario()
     places = sorted(o.obstacle.Y for o in scn.actors)

@@ -26,18 +26,6 @@ def test_braking_distance_is_that_of_a_point_mass(speed, friction):
     assert not feasibility.can_stop(speed, s + feasibility.CAR_NOSE - 0.2, friction)
 
 
-@QUICK
-@given(time=st.floats(0.2, 3.0), friction=frictions)
-def test_lateral_shifts_are_those_of_a_point_mass(time, friction):
-    t = max(0.0, time - feasibility.DELAY_S)
-    a, half = GRIP * friction, t / 2
-    assert feasibility.lateral_shift(time, friction) == pytest.approx(a * t * half)
-    # to one side for half of the time, to the other for the rest: parallel at the end
-    first = a * half**2 / 2
-    there = first + a * half * half - a * half**2 / 2
-    assert feasibility.lateral_shift_and_back(time, friction) == pytest.approx(there)
-
-
 def test_a_disc_beside_the_car_needs_no_shift():
     beside = 1.0 + feasibility.CAR_WIDTH / 2 + feasibility.CLEARANCE
     assert feasibility.shift_beside(1.0, beside) == 0.0

@@ -88,10 +88,11 @@ def row(family='pop_up', controller='mpcc', survived=True, error=''):
 def test_drives_are_counted_by_family_and_controller_and_failed_ones_left_out():
     rows = [row(), row(survived=False), row(error='crashed'), row(family='slalom')]
     rows += [row(controller='frenet')]
-    assert survival_table.count(rows, 'pop_up', 'mpcc') == (1, 2)
-    assert survival_table.count(rows, survival_table.ALL, 'mpcc') == (2, 3)
+    counts = survival_table.counts(rows)
+    assert counts['pop_up', 'mpcc'] == (1, 2)
+    assert counts[survival_table.ALL, 'mpcc'] == (2, 3)
     # whoever cannot be judged has not survived
-    assert survival_table.count([row(survived=None)], 'pop_up', 'mpcc') == (0, 1)
+    assert survival_table.counts([row(survived=None)]) == {('pop_up', 'mpcc'): (0, 1)}
     assert list(survival_table.describe_losses([*rows[:2], row(survived=None, error='slow')])) == [
         'pop_up:0 mpcc: slid (spun at 60 m)',
         'pop_up:0 mpcc: no result: slow',

@@ -7,7 +7,7 @@ from PIL import Image
 from experiments import cli
 from experiments.configuration import inputs
 from experiments.preview import scenario_checks
-from scenario_publisher import scenario
+from scenario_publisher import advice, scenario
 
 
 @pytest.fixture(scope='module')
@@ -23,26 +23,20 @@ def test_the_distances_are_those_of_the_controller(circles):
 
 def test_a_car_on_the_path_meets_an_obstacle_where_and_when_it_does(circles):
     scn = scenario.load('double_lane_change')
-    path = scenario_checks.profile(scn, circles)
-    met = scenario_checks.encounter(scn, scn.actors[0], path, circles)
+    station = advice.path_demand(scn).station
+    met = scenario_checks.encounter(scn, scn.actors[0], station, circles)
     o, ref = scn.actors[0].obstacle, scn.reference
     nearest = np.hypot(ref.X - o.X, ref.Y - o.Y).min() - o.r_obs - circles.radius_m
     assert met.gap_m == pytest.approx(nearest, abs=0.03)
-    speed = np.diff(path.station)[0] / np.diff(ref.t)[0]
+    speed = np.diff(station)[0] / np.diff(ref.t)[0]
     assert met.t == pytest.approx(met.station / speed, abs=0.06)
-
-
-def test_the_lateral_acceleration_is_speed_squared_times_curvature(circles):
-    path = scenario_checks.profile(scenario.load('circle_20m'), circles)
-    inner = slice(20, -20)
-    assert np.abs(path.lateral[inner]) == pytest.approx(path.speed[inner] ** 2 / 20.0, rel=0.02)
 
 
 def test_an_obstacle_that_is_gone_is_not_met(circles):
     scn = scenario.load('pop_up')
     actor = scn.actors[0]._replace(appears=500.0)
-    path = scenario_checks.profile(scn, circles)
-    assert scenario_checks.encounter(scn, actor, path, circles) is None
+    station = advice.path_demand(scn).station
+    assert scenario_checks.encounter(scn, actor, station, circles) is None
 
 
 @pytest.mark.parametrize('name', ['several_movers', 'split_mu'])

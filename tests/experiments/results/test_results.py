@@ -103,15 +103,6 @@ def test_repeats_of_a_draw_and_settings_with_the_same_draws_do_not_narrow_an_int
         assert often['high'] - often['low'] == pytest.approx(once['high'] - once['low'], rel=0.1)
 
 
-def test_the_bootstrap_of_many_values_is_the_normal_interval_and_of_one_there_is_none():
-    values = np.random.default_rng(3).exponential(1.0, 2000)
-    interval = marginals.bootstrap_mean(values, np.random.default_rng(0))
-    half = Z * values.std() / math.sqrt(len(values))
-    expected = values.mean() - half, values.mean() + half
-    assert interval == pytest.approx(expected, abs=0.15 * half)
-    assert np.isnan(marginals.bootstrap_mean(np.ones(1), np.random.default_rng(0))).all()
-
-
 @pytest.fixture(scope='module')
 def points():
     rng = np.random.default_rng(11)

@@ -23,17 +23,16 @@ SIGKILL_S = 5.0  # after SIGTERM
 POLL_S = 0.02
 
 
-class LaunchDescription:
-    def __init__(self, entities):
-        self.entities = entities
+class Action(SimpleNamespace):
+    """Something that is executed when it is visited; it keeps what it is given by name."""
 
     def execute(self, context):
-        return self.entities
+        return None
 
 
-class DeclareLaunchArgument:
-    def __init__(self, name, *, default_value, description, choices=None):
-        self.name, self.default_value, self.choices = name, default_value, choices
+class DeclareLaunchArgument(Action):
+    def __init__(self, name, **given):
+        super().__init__(name=name, **given)
 
     def execute(self, context):
         value = context.launch_configurations.setdefault(self.name, self.default_value)
@@ -52,77 +51,51 @@ class LaunchConfiguration:
         return context.launch_configurations[self.name]
 
 
-class SetEnvironmentVariable:
-    def __init__(self, name, value):
-        self.name, self.value = name, value
-
-    def execute(self, context):
-        os.environ[self.name] = self.value
-
-
-class OpaqueFunction:
-    def __init__(self, *, function):
-        self.execute = function
-
-
-class LogInfo:
-    def __init__(self, *, msg):
-        self.msg = msg
-
+class LogInfo(Action):
     def execute(self, context):
         print(f'[INFO] [launch.user]: {self.msg}', flush=True)
 
 
-class Shutdown:
-    def __init__(self, *, reason):
-        self.reason = reason
-
+class Shutdown(Action):
     def execute(self, context):
         context.is_shutdown = True
 
 
-class Node:
-    def __init__(
-        self,
-        *,
-        package,
-        executable,
-        namespace,
-        parameters,
-        ros_arguments,
-        output,
-        prefix,
-        sigterm_timeout,
-        on_exit,
-    ):
-        program = [*prefix.split(), *share.node_command(package, executable)]
-        self.command = [*program, '--ros-args', *ros_arguments]
-        if namespace:
-            self.command += ['-r', f'__ns:=/{namespace.lstrip("/")}']
-        for file in parameters:
-            self.command += ['--params-file', file]
-        patience_s = float(sigterm_timeout)
+class Node(Action):
+    def execute(self, context):
+        if context.is_shutdown:
+            return
+        command = [*self.prefix.split(), *share.node_command(self.package, self.executable)]
+        command += ['--ros-args', *self.ros_arguments]
+        if self.namespace:
+            command += ['-r', f'__ns:=/{self.namespace.lstrip("/")}']
+        for file in self.parameters:
+            command += ['--params-file', file]
+        patience_s = float(self.sigterm_timeout)
         # what is still to be sent, and how long after the shutdown
         self.signals = [
             (0.0, signal.SIGINT),
             (patience_s, signal.SIGTERM),
             (patience_s + SIGKILL_S, signal.SIGKILL),
         ]
-        self.on_exit = on_exit
-
-    def execute(self, context):
-        if not context.is_shutdown:
-            self.process = subprocess.Popen(self.command)
-            context.running.append(self)
+        self.process = subprocess.Popen(command)
+        context.running.append(self)
 
 
 def install() -> None:
     """Make the names of this module those of `launch` and `launch_ros`."""
     folder = tempfile.mkdtemp(prefix='launch_', dir=os.environ.get('ROS_LOG_DIR'))
-    actions = (DeclareLaunchArgument, LogInfo, OpaqueFunction, SetEnvironmentVariable, Shutdown)
     contents = {
-        'launch': {'LaunchDescription': LaunchDescription},
-        'launch.actions': {action.__name__: action for action in actions},
+        'launch': {'LaunchDescription': lambda entities: Action(execute=lambda _: entities)},
+        'launch.actions': {
+            'DeclareLaunchArgument': DeclareLaunchArgument,
+            'LogInfo': LogInfo,
+            'OpaqueFunction': lambda function: Action(execute=function),
+            'SetEnvironmentVariable': lambda name, value: Action(
+                execute=lambda _: os.environ.update({name: value})
+            ),
+            'Shutdown': Shutdown,
+        },
         'launch.logging': {'launch_config': SimpleNamespace(log_dir=folder)},
         'launch.substitutions': {'LaunchConfiguration': LaunchConfiguration},
         'launch_ros': {},

@@ -1,5 +1,6 @@
 """Small shell programs in place of the nodes, which fail in the way that a test needs."""
 
+from contextlib import suppress
 from pathlib import Path
 
 WAIT = 'trap "exit 0" INT; while :; do sleep 0.05; done\n'
@@ -19,14 +20,13 @@ NODES = {
 }
 
 
-def left_over(folder):
-    """Return the running processes that log below a folder."""
-    wanted = f'ROS_LOG_DIR={folder}'.encode()
-    found = []
+def left_over(folder, word=''):
+    """Return the running processes that log below a folder: their commands, with `word`, by id."""
+    commands = {}
     for process in Path('/proc').glob('[0-9]*'):
-        try:
-            if wanted in (process / 'environ').read_bytes():
-                found.append((process / 'cmdline').read_bytes())
-        except OSError:
-            continue
-    return found
+        with suppress(OSError):
+            command = (process / 'cmdline').read_bytes().decode(errors='replace')
+            is_ours = f'ROS_LOG_DIR={folder}'.encode() in (process / 'environ').read_bytes()
+            if is_ours and word in command:
+                commands[int(process.name)] = command
+    return commands

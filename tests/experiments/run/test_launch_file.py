@@ -10,12 +10,11 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import launch_stand_in
 import pytest
-from shell_nodes import AWAIT_RECORDER, NODES, RECORD, WAIT
+from shell_nodes import AWAIT_RECORDER, NODES, RECORD, WAIT, left_over
 from wait_until import wait_until
 
 from bags import cli
@@ -76,32 +75,22 @@ def shell(tmp_path, prefix):
     return prefix
 
 
-def running_nodes(folder, name=''):
-    """Return the process ids of the running nodes that log below a folder."""
-    found = []
-    for process in Path('/proc').glob('[0-9]*'):
-        try:
-            is_ours = f'ROS_LOG_DIR={folder}'.encode() in (process / 'environ').read_bytes()
-            command = (process / 'cmdline').read_bytes()
-        except OSError:
-            continue
-        if is_ours and b'--ros-args' in command and name.encode() in command:
-            found.append(int(process.name))
-    return found
-
-
-def wait_for(launch, happened):
-    """Wait until something has happened; what it gave is returned."""
-    deadline = time.monotonic() + PATIENCE_S
-    while not (found := happened()):
-        assert launch.poll() is None, 'the launch ended'
-        assert time.monotonic() < deadline, 'it never happened'
-        time.sleep(0.05)
-    return found
-
-
 def output(folder):
     return (folder / 'output').read_text(errors='replace')
+
+
+def running_nodes(folder):
+    return left_over(folder, '--ros-args')
+
+
+def wait_until_driving(launch, folder):
+    """Wait for what the plant prints."""
+
+    def is_driving():
+        assert launch.poll() is None, output(folder)
+        return 'driving' in output(folder)
+
+    wait_until(is_driving, PATIENCE_S, 'the plant was not started')
 
 
 @pytest.mark.timeout(600)
@@ -115,7 +104,7 @@ def test_a_drive_by_launch_ends_well_and_can_be_compared(tmp_path, launched, dom
     assert cli.main(['compare', str(bag)]) == 0, capsys.readouterr().err
     runs = json.loads((tmp_path / 'runs/straight/comparison.json').read_text())['runs']
     assert runs['mpcc']['completed'] is True
-    assert running_nodes(tmp_path) == []
+    assert running_nodes(tmp_path) == {}
 
 
 UNCLOSED = re.sub("trap '.*' INT", "trap 'exit 1' INT", RECORD)
@@ -139,7 +128,7 @@ def test_a_node_that_ends_badly_or_before_the_plant_is_an_error(
     shell(node, script)
     assert launched().wait(PATIENCE_S) == 1
     assert f'{Path(node).name} ended {end}' in output(tmp_path)
-    assert running_nodes(tmp_path) == []
+    assert running_nodes(tmp_path) == {}
     if node == PLANT:
         assert (tmp_path / 'runs/straight/mpcc/metadata.yaml').is_file()
 
@@ -147,12 +136,12 @@ def test_a_node_that_ends_badly_or_before_the_plant_is_an_error(
 def test_an_interrupt_is_an_error_and_closes_the_bag(tmp_path, shell, launched):
     shell(PLANT, f'trap "exit 0" INT\n{AWAIT_RECORDER}echo driving\n{WAIT}')
     launch = launched()
-    wait_for(launch, lambda: 'driving' in output(tmp_path))
+    wait_until_driving(launch, tmp_path)
     os.killpg(launch.pid, signal.SIGINT)
     assert launch.wait(PATIENCE_S) == 1
     assert 'the drive was interrupted' in output(tmp_path)
     assert (tmp_path / 'runs/straight/mpcc/metadata.yaml').is_file()
-    assert running_nodes(tmp_path) == []
+    assert running_nodes(tmp_path) == {}
 
 
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL])
@@ -160,7 +149,7 @@ def test_no_node_goes_on_without_the_launch(tmp_path, shell, launched, number):
     """Launch passes on SIGINT only: cars would be driven on by nodes that nobody watches."""
     shell(PLANT, f'trap "exit 0" INT\n{AWAIT_RECORDER}echo driving\n{WAIT}')
     launch = launched()
-    wait_for(launch, lambda: 'driving' in output(tmp_path))
+    wait_until_driving(launch, tmp_path)
     launch.send_signal(number)
     assert launch.wait(PATIENCE_S) == -number
     wait_until(lambda: not running_nodes(tmp_path), PATIENCE_S, 'a node goes on')

@@ -3,6 +3,7 @@
 import io
 import json
 import math
+from argparse import Namespace
 
 import pandas
 import pytest
@@ -45,7 +46,8 @@ def written(folder, *rows):
 
 def shown(*folders, base='mpcc', budget=0):
     console = Console(record=True, width=200, file=io.StringIO())
-    assert report.run(folders, base, console, budget=budget) == 0
+    options = {'folders': folders, 'base': base, 'budget': budget, 'jobs': 1}
+    assert report.run(Namespace(**options, preview=False, table=None), console) == 0
     return console.export_text()
 
 

@@ -10,7 +10,6 @@ turn_braking         ISO 7975: braking on a circle
 sine_with_dwell      FMVSS 126: stability and agility
 linear_single_track  closed forms of small steering at constant speed
 
-A manoeuvre is a module with runs(case) -> tuple[Run, ...], numbers(case, runs, trajectories) ->
-dict[str, Number] and draw(case, runs, trajectories) -> Figure; trajectories are in the order of
-the runs.
+A manoeuvre is a module with runs(case) -> tuple[Run, ...] and numbers(case, runs, trajectories) ->
+dict[str, Number]; trajectories are in the order of the runs.
 """

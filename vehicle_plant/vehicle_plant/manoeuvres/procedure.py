@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_yaml.types import Command
-from vehicle_plant.car import PlantParams
+from vehicle_plant.car import PlantParams, split_drive_force
 from vehicle_plant.initial_state import Start
 from vehicle_plant.manoeuvres.settings import Settings
 from vehicle_plant.simulator import START_NS, TICK_NS, Simulator
@@ -83,17 +83,6 @@ def hold_speed(case: Case, speed: float) -> Callable[[float], tuple[float, float
     return lambda vx: split_drive_force(car, resistance + gain * (speed - vx))
 
 
-def split_drive_force(car, force: float) -> tuple[float, float]:
-    """Return front and rear axle force [N], shared as the engine can drive them.
-
-    Raises ValueError for a car without an engine.
-    """
-    front, rear = car.force.front.drive_n, car.force.rear.drive_n
-    if not front + rear:
-        raise ValueError('the car has no engine: force.front.drive_n and force.rear.drive_n are 0')
-    return force * front / (front + rear), force * rear / (front + rear)
-
-
 def driving_resistance(car, speed: float) -> float:
     """Return drag and rolling resistance on a straight level road [N]."""
     body = car.body
@@ -110,11 +99,6 @@ def first_crossing_time(t: np.ndarray, y: np.ndarray, level: float) -> float:
     if i == 0:
         return float(t[0])
     return float(np.interp(level, y[i - 1 : i + 1], t[i - 1 : i + 1]))
-
-
-def value_at(t: np.ndarray, y: np.ndarray, instant: float) -> float:
-    """Return y at an instant."""
-    return float(np.interp(instant, t, y))
 
 
 def fit_slope(x: np.ndarray, y: np.ndarray, *, low: float, high: float) -> float:

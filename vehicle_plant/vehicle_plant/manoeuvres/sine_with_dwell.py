@@ -49,8 +49,9 @@ def criteria(case: Case, trajectory: Trajectory) -> tuple[float, float, float]:
     reversal = 1 / (2 * p.frequency_hz)
     done = 1 / p.frequency_hz + p.dwell_s
     peak = r[(t > reversal) & (t < done + p.early_s)].min()
-    early, late = (procedure.value_at(t, r, done + after) / peak for after in (p.early_s, p.late_s))
-    return early, late, procedure.value_at(t, trajectory.column('planar.Y'), p.displaced_s)
+    early, late = np.interp([done + p.early_s, done + p.late_s], t, r) / peak
+    displacement = np.interp(p.displaced_s, t, trajectory.column('planar.Y'))
+    return float(early), float(late), float(displacement)
 
 
 def numbers(case: Case, _, trajectories: list[Trajectory]) -> dict[str, Number]:

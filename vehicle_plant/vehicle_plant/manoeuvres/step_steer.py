@@ -6,6 +6,7 @@ to 90 % of the steady state, peak response time to the peak. Rise time is that f
 
 import numpy as np
 
+from vehicle_plant.car import split_drive_force
 from vehicle_plant.manoeuvres import linear_single_track, procedure
 from vehicle_plant.manoeuvres.procedure import Case, Number, Run
 from vehicle_plant.state import SetPoints, Trajectory
@@ -19,7 +20,7 @@ def runs(case: Case) -> tuple[Run, ...]:
     car = linear_single_track.linear_car(case.plant, case.friction)
     angle = car.steer(case.scaled(p.ay_mps2), p.speed_mps)
     resistance = procedure.driving_resistance(case.plant.car, p.speed_mps)
-    forces = procedure.split_drive_force(case.plant.car, resistance)
+    forces = split_drive_force(case.plant.car, resistance)
 
     def law(t, vx):
         return SetPoints(angle * min(max((t - settle) / p.rise_s, 0.0), 1.0), *forces)

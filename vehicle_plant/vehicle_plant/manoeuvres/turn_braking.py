@@ -66,7 +66,7 @@ def numbers(case: Case, runs: tuple[Run, ...], trajectories: list[Trajectory]) -
         within = (t > 0) & (t <= p.judged_s)
         slip = float(-min(column(f'wheels.{w}.kappa')[within].min() for w in WHEELS))
         speed, judged_ratio, judged_beta, judged_outside = (
-            procedure.value_at(t, y, p.judged_s) for y in (V, ratio, beta, outside)
+            float(np.interp(p.judged_s, t, y)) for y in (V, ratio, beta, outside)
         )
         deceleration, greatest = (initial_speed - speed) / p.judged_s, float(ratio[within].max())
         when = f'{p.judged_s:g} s after braking with {run.label} begins'
