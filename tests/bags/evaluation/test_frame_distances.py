@@ -94,8 +94,8 @@ def test_recorded_poses_give_the_closed_forms_of_where_they_are(make_drive, turn
     driven = frame_distances.driven_distances(result, circle)
     assert driven.inside == pytest.approx(np.full(len(driven.inside), 0.3), abs=1e-9)
     assert driven.station == pytest.approx(np.linspace(0.0, 120.0, 5001), abs=1e-9)
-    for own, inside in ((driven.distances, circle.inside), (driven.beyond, -circle.inside)):
-        gap = driven.station - circle.station
+    for side, own in driven.distances.items():
+        gap, inside = driven.station - circle.station, circle.sides[side]
         closed = frame_distances.circle_distances(RADIUS, gap, inside, REACH, driven.inside)
         assert own.cartesian == pytest.approx(closed.cartesian, abs=1e-9)
         assert own.frenet == pytest.approx(closed.frenet, abs=1e-9)
