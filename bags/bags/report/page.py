@@ -44,8 +44,8 @@ def report_html(data: ReportData) -> str:
     view = animation.build_top_view(runs, overlays)
     duration = float(view.obstacles['t'][-1])
     time_axis = Range1d(0.0, duration)
-    panels = [interactive_panels.plot_panel(panel, runs, time_axis, overlays) for panel in PANELS]
-    panels = [plot for plot in panels if plot] + [interactive_panels.plot_gg(runs)]
+    drawn = (interactive_panels.plot_panel(panel, runs, time_axis, overlays) for panel in PANELS)
+    panels = [*filter(None, drawn), interactive_panels.plot_gg(runs)]
     shaded = {panel.name for panel in PANELS if panel.unsafe}
     document = Document()
     # one pass over all models instead of one per figure

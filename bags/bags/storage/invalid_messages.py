@@ -16,6 +16,7 @@ from bags.storage import columns
 from bags.storage.decoding import (
     DECODE_ERRORS,
     DECODERS,
+    STAMP,
     column,
     decode_message,
     group_by_layout,
@@ -125,40 +126,33 @@ def obeys_contract(topic: BagTopic, payloads: list[bytes]) -> np.ndarray:
     known = contract.load().topics[topic.name]
     try:
         for rows, bytes_, layout in group_by_layout(payloads, topic.schema, topic.type):
-            if _has_contract_form(known, layout):
-                obeys[rows] = _has_contract_ranges(known, bytes_, layout)
+            # frames, joint names and array lengths are those of the contract
+            texts, joints = dict(layout.strings), len(known.joints)
+            fixed = {f'name[{i}]': joint for i, joint in enumerate(known.joints)}
+            fixed |= {'header.frame_id': known.frame}
+            if known.child_frame is not None:
+                fixed['child_frame_id'] = known.child_frame
+            has_form = all(texts.pop(path, None) == text for path, text in fixed.items())
+            has_form &= not any(path.startswith('name[') for path in texts)
+            for array in JOINT_ARRAYS if joints else ():
+                length = sum(path.startswith(f'{array}[') for path in layout.numbers)
+                has_form &= length == joints
+            if not has_form:
+                continue
+            sec, nanosec = (
+                column(bytes_, layout, f'{STAMP}.{part}') for part in ('sec', 'nanosec')
+            )
+            valid = (sec > 0) | (sec == 0) & (nanosec > 0)
+            numbers = {path: column(bytes_, layout, path) for path in known.fields}
+            valid &= conformance.obeys(known.name, numbers)
+            # a JointState's unused entries, too, must be finite
+            for path in layout.numbers if joints else ():
+                if path.startswith(JOINT_ARRAYS):
+                    valid &= np.isfinite(column(bytes_, layout, path))
+            obeys[rows] = valid
     except BagError:
         return np.zeros(len(payloads), dtype=bool)
     return obeys
-
-
-def _has_contract_form(known, layout):
-    """Return whether frames, joint names and array lengths are those of the contract."""
-    texts = dict(layout.strings)
-    frames = {'header.frame_id': known.frame}
-    if known.child_frame is not None:
-        frames['child_frame_id'] = known.child_frame
-    joints = {f'name[{i}]': joint for i, joint in enumerate(known.joints)}
-    if any(texts.pop(path, None) != text for path, text in (frames | joints).items()):
-        return False
-    return not any(path.startswith('name[') for path in texts) and all(
-        sum(path.startswith(f'{array}[') for path in layout.numbers) == len(joints)
-        for array in JOINT_ARRAYS
-        if joints
-    )
-
-
-def _has_contract_ranges(known, bytes_, layout):
-    sec, nanosec = (column(bytes_, layout, f'header.stamp.{part}') for part in ('sec', 'nanosec'))
-    valid = (sec > 0) | (sec == 0) & (nanosec > 0)
-    valid &= conformance.obeys(
-        known.name, {path: column(bytes_, layout, path) for path in known.fields}
-    )
-    # a JointState's unused entries, too, must be finite
-    for path in layout.numbers if known.joints else ():
-        if path.startswith(JOINT_ARRAYS):
-            valid &= np.isfinite(column(bytes_, layout, path))
-    return valid
 
 
 def find_foreign_stamps(

@@ -9,7 +9,6 @@ from bags.evaluation import metrics
 from bags.evaluation.drive import drive_from_columns
 from bags.evaluation.metrics import outcome
 from bags.evaluation.metrics.registry import EvaluatedDrive
-from bags.evaluation.series import compute_series
 from bags.storage import read
 from bags.storage.invalid_messages import drop_invalid
 from experiments.replay import recorded_ticks
@@ -48,14 +47,13 @@ def choose(bag: read.Bag, moment: Moment) -> ChosenTick:
     stamps = np.array([tick.stamp_ns for tick in recorded_ticks.read_ticks(bag)])
     t = (stamps - stamps[0]) * NS
     columns = read.columns(drop_invalid(bag), recorded_ticks.NEEDED)
-    drive = drive_from_columns(columns, bag.run_info, str(bag.path))
-    series = compute_series(drive)
-    station = np.interp(stamps, drive.motion.stamp_ns, series.station)
-    number, because = _find(moment, bag, drive, series, stamps, t, station)
+    run = EvaluatedDrive(drive_from_columns(columns, bag.run_info, str(bag.path)))
+    station = run.station_at(stamps)
+    number, because = _find(moment, bag, run, stamps, t, station)
     return ChosenTick(number, float(t[number]), float(station[number]), because)
 
 
-def _find(moment, bag, drive, series, stamps, t, station):
+def _find(moment, bag, run, stamps, t, station):
     """Return the number of the tick, and why it is that one."""
     if moment.tick is not None:
         _check(bag, 'tick', moment.tick, 0, len(stamps) - 1, '')
@@ -68,11 +66,11 @@ def _find(moment, bag, drive, series, stamps, t, station):
         _check(bag, 'tick at station', moment.station, station[0], station.max(), ' m')
         return max(int(np.argmax(station > moment.station)) - 1, 0), ''
     if moment.event == 'fallback':
-        return _first_fallback(bag, drive)
+        return _first_fallback(bag, run.drive)
     if moment.event == LOSS:
-        return _before_loss(bag, drive, series, stamps)
-    row, because = _extreme(bag, moment.event, series)
-    stamp = drive.motion.stamp_ns[row]
+        return _before_loss(bag, run, stamps)
+    row, because = _extreme(bag, moment.event, run.series)
+    stamp = run.stamp_ns[row]
     return max(int(np.searchsorted(stamps, stamp, side='right')) - 1, 0), because
 
 
@@ -88,16 +86,15 @@ def _first_fallback(bag, drive):
     return int(rows[0]), EVENTS['fallback']
 
 
-def _before_loss(bag, drive, series, stamps):
-    values = metrics.compute_metrics(drive, series)
-    losses = outcome.find_losses(EvaluatedDrive(drive, series), values)
+def _before_loss(bag, run, stamps):
+    losses = outcome.find_losses(run, metrics.metrics_of(run))
     if not losses:
         raise BagError(
             f'{bag.path}: the car neither collided nor left the road nor slid; --at closest shows '
             'the least distance to an obstacle'
         )
     row, what = losses[0]
-    stamp = drive.motion.stamp_ns[row] - LEAD_S / NS
+    stamp = run.stamp_ns[row] - LEAD_S / NS
     number = max(int(np.searchsorted(stamps, stamp, side='right')) - 1, 0)
     lead = (drive.motion.stamp_ns[row] - stamps[number]) * NS
     return number, f'{lead:.1f} s before station {series.station[row]:.0f} m, where it {what}'

@@ -87,7 +87,7 @@ def runs(drives, logs):
 
 @pytest.fixture(scope='session')
 def material(runs):
-    result = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
+    result = {run.name: metrics.metrics_of(run) for run in runs}
     return page.ReportData({'scenario': 'straight', 'runs': result}, runs)
 
 

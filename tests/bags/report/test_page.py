@@ -81,16 +81,16 @@ def test_the_film_is_where_the_drive_was(runs):
     k = np.searchsorted(run.series.t, t[100])
     assert car['x'][100] == pytest.approx(run.drive.motion.x[k], abs=1e-3)
     assert car['y'][100] == pytest.approx(run.drive.motion.y[k], abs=1e-3)
-    moving = animation.build_top_view(runs).obstacles
-    assert moving['x'][:, 0] == pytest.approx(60.0)
-    assert np.diff(moving['x'][:, 1]) == pytest.approx(5.0 * animation.FRAME_NS * 1e-9, abs=1e-4)
-    plans = animation.plan_rows(run)
-    assert plans['x'].shape == (len(run.log.predictions), 26)
+    view = animation.build_top_view(runs)
+    x = view.obstacles['x']
+    assert x[:, 0] == pytest.approx(60.0)
+    assert np.diff(x[:, 1]) == pytest.approx(5.0 * animation.FRAME_NS * 1e-9, abs=1e-4)
+    assert view.runs[0]['plan']['x'].shape == (len(run.log.predictions), 26)
 
 
 def test_every_plot_has_its_unit_and_a_key_with_every_run(runs, report):
     for panel in interactive_panels.PANELS:
-        assert '[' in panel.axis or panel.axis == interactive_panels.FRICTION
+        assert '[' in panel.axis or panel.axis == 'F / µF_z'
     figures = report.read_text().split('<figure>')[1:]
     assert len(figures) == len(interactive_panels.PANELS) + 1
     for figure in figures:

@@ -136,7 +136,7 @@ def test_of_many_runs_those_that_are_chosen_are_named_above_the_road(
     drives, logs, browse, tmp_path
 ):
     runs = evaluate_runs({f'own@{k:02d}': drives['own'] for k in range(30)})
-    values = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
+    values = {run.name: metrics.metrics_of(run) for run in runs}
     for run in runs:
         run.log = logs['own']
     file = tmp_path / page.REPORT_FILE
