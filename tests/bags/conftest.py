@@ -74,15 +74,15 @@ def messages(drive):
 
 @pytest.fixture(scope='session')
 def write_bag_into():
-    """Return write(folder, drive, name, extra) -> the bag of the drive below a folder.
+    """Return write(folder, drive, name, extra, ...) -> the bag of the drive below a folder.
 
-    `extra` are (topic, ns, CDR) more.
+    `extra` are (topic, ns, CDR) more; the scenario has a name and a text.
     """
 
-    def write(folder, drive, name='mpcc', extra=()):
+    def write(folder, drive, name='mpcc', extra=(), scenario='straight', text='schema: 1'):
         topics = message_filing.bag_topics(contract.load(), 'lockstep')
         index = {topic.name: i for i, topic in enumerate(topics)}
-        info = provenance.describe_run('straight', 'schema: 1', name, 'lockstep', PARAMETERS)
+        info = provenance.describe_run(scenario, text, name, 'lockstep', PARAMETERS)
         bag = BagWriter(folder / name, topics, {'run': info})
         sent = [(topic, ns, serialize_message(item)) for topic, ns, item in messages(drive)]
         for topic, ns, data in [*sent, *extra]:

@@ -220,7 +220,7 @@ def draw(runs: Mapping[str, EvaluatedDrive], name: str) -> Figure:
         figure = draw_figure(name, drawn, drawn[0].drive.facts.scenario)
         # ticks take their look from the style when they are first laid out
         figure.draw_without_rendering()
-        style.hide_overlapping(figure, style.TIME_LABEL)
+        style.hide_overlapping(figure)
 
     def as_png():
         stream = io.BytesIO()

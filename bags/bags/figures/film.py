@@ -282,7 +282,7 @@ class Strip:
         share = min(use, 1.2 * FULL) if np.isfinite(use) else 0.0
         self.bar.set_width(BAR_PX[0] * share)
         self.bar.set_facecolor(style.UNSAFE if share > WARN else '#7C8A94')
-        icon = scene.placed(scene.box(WHEEL_ICON_PX), *self.icon_at, at['steer'])
+        icon = geometry.transform_to_map(scene.box(WHEEL_ICON_PX), *self.icon_at, at['steer'])
         self.icon.set_xy(icon)
         self.angle.set_text(f'{np.degrees(at["steer"]):+.1f}°')
         if t > self.t[-1] + 1e-9:

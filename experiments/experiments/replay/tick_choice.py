@@ -96,8 +96,8 @@ def _before_loss(bag, run, stamps):
     row, what = losses[0]
     stamp = run.stamp_ns[row] - LEAD_S / NS
     number = max(int(np.searchsorted(stamps, stamp, side='right')) - 1, 0)
-    lead = (drive.motion.stamp_ns[row] - stamps[number]) * NS
-    return number, f'{lead:.1f} s before station {series.station[row]:.0f} m, where it {what}'
+    lead = (run.stamp_ns[row] - stamps[number]) * NS
+    return number, f'{lead:.1f} s before station {run.series.station[row]:.0f} m, where it {what}'
 
 
 def _extreme(bag, event, series):

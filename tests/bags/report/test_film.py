@@ -7,10 +7,10 @@ import pytest
 from evaluated_drives import evaluate_runs
 from matplotlib.figure import Figure
 from PIL import Image
+from straight_drive import obstacle, straight_scene
 
 from bags import cli
 from bags.errors import BagError
-from bags.evaluation.drive import Obstacle
 from bags.figures import film
 from bags.figures.film import FilmOptions
 
@@ -73,10 +73,8 @@ def test_what_the_car_reacts_to_is_in_view(runs, make_drive):
     plan = runs[0].log.predictions[0]
     far = plan._replace(X=plan.X[0] + np.linspace(0.0, 80.0, len(plan.X)))
     log = runs[0].log._replace(predictions=[far])
-    item = make_drive()
-    still = np.zeros(101)
-    coming = Obstacle(1, still + 60.0, np.linspace(9.0, 4.0, 101), still, still - 2.0, 0.4)
-    (run,) = evaluate_runs({'mpcc': item._replace(scene=item.scene._replace(obstacles=(coming,)))})
+    coming = obstacle(1, 60.0, 9.0, vy=-1.0, radius=0.4)
+    (run,) = evaluate_runs({'mpcc': make_drive(scene=straight_scene([coming]))})
     panel, road = Figure().subplots(1, 2)
     run.log = log
     strip = film.Strip(panel, road, run, film.window([run]))

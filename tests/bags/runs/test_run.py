@@ -7,18 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from straight_drive import straight_scene
+from straight_drive import obstacle, straight_scene
 
 import bags
 from bags.errors import BagError, InvalidMessagesWarning
 from bags.evaluation import metrics, signals
-from bags.evaluation.drive import Obstacle
 from bags.evaluation.metrics.registry import METRICS
 from bags.run import UnknownNameError
 
 ROOT = Path(__file__).parents[3]
-STILL, ONES = np.zeros(101), np.ones(101)
-CAR = Obstacle(7, 40.0 * ONES, -3.5 * ONES, STILL, STILL, 1.0)
 UNITS = {
     '_mps3': 'm/s³',
     '_mps2': 'm/s²',
@@ -127,7 +124,7 @@ def without(samples):
     ],
 )
 def test_signals_of_topics_that_were_not_recorded_are_absent(make_drive, write_bag, part, absent):
-    drive = make_drive(metres=20.0, scene=straight_scene([CAR]))
+    drive = make_drive(metres=20.0, scene=straight_scene([obstacle(7, 40.0, -3.5)]))
     if part:
         drive = drive._replace(**{part: without(getattr(drive, part))})
     named = {name.partition('.')[0] for name in bags.load(write_bag(drive)).signals}

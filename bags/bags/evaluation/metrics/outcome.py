@@ -204,22 +204,26 @@ def outline_beyond_edge(run: EvaluatedDrive) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _outline_margins(run):
-    """Return indices (n,) of odometry messages and by side how far [m] the outline is from it.
+    return edge_margins(run, geometry.outline_points(run.drive.facts.outline, OUTLINE_SPACING_M))
 
-    Of the point closest to the edge, negative beyond it; infinity where the centre is so far away
-    that its distance is neither below the safety distance nor the least of the drive.
+
+def edge_margins(run: EvaluatedDrive, body: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return indices (n,) of odometry messages and by side how far [m] points are from the edge.
+
+    `body` (k, 2) is in the vehicle frame [m]. Of the point closest to the edge, negative beyond it;
+    infinity where the centre is so far away that its distance is neither below the safety distance
+    nor the least of the drive.
     """
-    motion, outline, t = run.drive.motion, run.drive.facts.outline, run.series.t
+    motion, t = run.drive.motion, run.series.t
     sampled = np.searchsorted(t, np.arange(t[0], t[-1], OUTLINE_STEP_S))
     rows = np.unique(np.append(sampled, len(t) - 1))
-    body = geometry.outline_points(outline, OUTLINE_SPACING_M)
-    # from the centre of gravity to the farthest point of the outline
-    reach = np.hypot(max(outline.front, outline.rear), outline.width / 2)
+    # from the centre of gravity to the farthest point
+    reach = np.hypot(*body.T).max()
     centre = np.column_stack([motion.x[rows], motion.y[rows]])
     margins = {}
     for side, edge in (('left', run.drive.scene.left), ('right', run.drive.scene.right)):
         away = INSIDE[side] * geometry.offset_from_line(centre, edge)
-        # no point of the outline is farther from the edge than the centre at its closest
+        # no point is farther from the edge than the centre at its closest
         near = np.flatnonzero(away <= reach + max(run.drive.facts.safe_edge, away.min()))
         k = rows[near]
         points = geometry.transform_to_map(body, motion.x[k], motion.y[k], motion.yaw[k])
