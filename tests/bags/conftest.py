@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
+from bags import cli
+from bags.figures import comparison_figures
 from bags.storage import message_filing
 from bags.storage.bag_writer import BagWriter
 from msgs_yaml import contract, encode, types
@@ -91,6 +93,23 @@ def write_bag_into():
         return folder / name
 
     return write
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Draw no figures, which takes seconds."""
+    monkeypatch.setattr(comparison_figures, 'write_figures', lambda *given: None)
+
+
+@pytest.fixture
+def bags_prints(capsys):
+    """Return run(words) -> what a command of `bags` that succeeds prints."""
+
+    def run(*words):
+        assert cli.main([*map(str, words)]) == 0
+        return capsys.readouterr().out
+
+    return run
 
 
 @pytest.fixture

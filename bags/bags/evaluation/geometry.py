@@ -51,7 +51,13 @@ def distance_to_polyline(points, polyline):
     points, polyline = np.asarray(points, dtype=float), np.asarray(polyline, dtype=float)
     if not len(points):
         return np.empty(0)
-    segments = _segments(_merge_straight(polyline))
+    # without the vertices on the line from their neighbour to the next
+    steps = np.diff(polyline, axis=0)
+    (dx, dy), (next_dx, next_dy) = steps[:-1].T, steps[1:].T
+    limit = STRAIGHT * np.hypot(dx + next_dx, dy + next_dy)
+    is_straight = np.abs(dx * next_dy - dy * next_dx) <= limit
+    is_bend = ~(is_straight & (dx * next_dx + dy * next_dy > 0.0))
+    segments = _segments(polyline[np.concatenate([[True], is_bend, [True]])])
     distances = []
     for block in np.split(points, range(BLOCK, len(points), BLOCK)):
         _, offset, square = segments.rows(_near(block, segments)).see(block)
@@ -116,16 +122,6 @@ def _segments(polyline):
     length = np.hypot(dx, dy)
     columns = (*polyline[:-1].T, dx / length, dy / length, length)
     return _Segments(*(column[:, None] for column in columns))
-
-
-def _merge_straight(polyline):
-    """Return a polyline without the vertices on the line from their neighbour to the next."""
-    steps = np.diff(polyline, axis=0)
-    (dx, dy), (next_dx, next_dy) = steps[:-1].T, steps[1:].T
-    limit = STRAIGHT * np.hypot(dx + next_dx, dy + next_dy)
-    is_straight = np.abs(dx * next_dy - dy * next_dx) <= limit
-    is_bend = ~(is_straight & (dx * next_dx + dy * next_dy > 0.0))
-    return polyline[np.concatenate([[True], is_bend, [True]])]
 
 
 def _near(points, segments):

@@ -51,23 +51,34 @@ def drop_invalid(bag: Bag) -> Bag:
     for name, recorded in bag.recordings.items():
         if name not in DECODERS or not recorded.payloads:
             continue
-        values, reasons = _check(recorded)
+        payloads, known, reasons = recorded.payloads, {}, {}
+        valid = obeys_contract(recorded.topic, payloads)
+        # the others are decoded, which decides and gives the reason
+        for i in np.flatnonzero(~valid).tolist():
+            if payloads[i] not in known:
+                try:
+                    known[payloads[i]] = decode_message(recorded.topic, payloads[i]), ''
+                except DECODE_ERRORS as error:
+                    reason = str(error).removeprefix(f'{name}: ') or type(error).__name__
+                    known[payloads[i]] = None, reason
+            if known[payloads[i]][1]:
+                reasons[i] = known[payloads[i]][1]
         if name in VEHICLE_TOPICS:
             keep_twins = name == STATE and bag.run_info.get('mode') == LOCKSTEP
             # of those that obey the contract
-            rows = np.setdiff1d(np.arange(len(recorded.payloads)), list(reasons))
-            stamp_ns = header_stamps_ns(name, [recorded.payloads[row] for row in rows])
+            rows = np.setdiff1d(np.arange(len(payloads)), list(reasons))
+            stamp_ns = header_stamps_ns(name, [payloads[row] for row in rows])
             foreign = find_foreign_stamps(stamp_ns, recorded.log_ns[rows], keep_twins)
             reasons |= {int(rows[k]): reason for k, reason in foreign}
-        if values is not None:
-            decoded[name] = [values[i] for i in range(len(values)) if i not in reasons]
+        kept = np.setdiff1d(np.arange(len(payloads)), list(reasons))
+        if not valid.any():
+            decoded[name] = [known[payloads[i]][0] for i in kept]
         if reasons:
-            kept = np.setdiff1d(np.arange(len(recorded.payloads)), list(reasons))
             columns_ = (recorded.log_ns, recorded.publish_ns, recorded.sequence)
             recordings[name] = Recording(
                 recorded.topic,
                 *(column[kept] for column in columns_),
-                [recorded.payloads[i] for i in kept],
+                [payloads[i] for i in kept],
             )
             first = min(reasons)
             invalid[name] = InvalidMessages(len(reasons), f'message {first}: {reasons[first]}')
@@ -91,26 +102,6 @@ def describe_invalid(summary: Mapping[str, Any]) -> Iterator[str]:
     for topic, invalid in summary.get(KEY, {}).items():
         kind = topic if topic == OBJECTS else f'messages of {topic}'
         yield f'{invalid["count"]} invalid {kind} were left out; {invalid["first"]}'
-
-
-def _check(recorded) -> tuple[list[Any] | None, dict[int, str]]:
-    """Return the values of all messages, None where not all were decoded, and what is wrong."""
-    topic, payloads = recorded.topic, recorded.payloads
-    valid = obeys_contract(topic, payloads)
-    known, reasons = {}, {}
-    for i in np.flatnonzero(~valid).tolist():
-        payload = payloads[i]
-        if payload not in known:
-            try:
-                known[payload] = decode_message(topic, payload), ''
-            except DECODE_ERRORS as error:
-                reason = str(error).removeprefix(f'{topic.name}: ') or type(error).__name__
-                known[payload] = None, reason
-        if known[payload][1]:
-            reasons[i] = known[payload][1]
-    if valid.any():
-        return None, reasons
-    return [known[payload][0] for payload in payloads], reasons
 
 
 def obeys_contract(topic: BagTopic, payloads: list[bytes]) -> np.ndarray:

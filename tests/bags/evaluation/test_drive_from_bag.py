@@ -13,7 +13,6 @@ from bags.evaluation.drive import (
     drive_from_columns,
     facts_from_run_info,
 )
-from bags.figures import comparison_figures
 from bags.report.comparison import compare_bags
 from bags.run import load_quietly
 from bags.storage import columns
@@ -104,9 +103,8 @@ def test_notes_that_do_not_say_enough_are_refused_with_what_is_missing(given, wh
 
 
 def test_runs_of_different_scenarios_compare_by_force_only_and_damage_is_no_warning(
-    make_drive, write_bag, tmp_path, monkeypatch, recwarn
+    undrawn, make_drive, write_bag, tmp_path, recwarn
 ):
-    monkeypatch.setattr(comparison_figures, 'write_figures', lambda *given: None)
     drive = make_drive(metres=10.0)
     bags = [write_bag(drive, 'one'), write_bag(drive, 'other', text='schema: 1 # changed')]
     with pytest.raises(BagError, match=r"two versions of 'straight'.*--force"):

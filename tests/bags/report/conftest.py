@@ -82,14 +82,14 @@ def runs(drives, logs):
 @pytest.fixture(scope='session')
 def material(runs):
     result = {run.name: metrics.metrics_of(run) for run in runs}
-    return page.ReportData({'scenario': 'straight', 'runs': result}, runs)
+    return {'scenario': 'straight', 'runs': result}
 
 
 @pytest.fixture(scope='session')
-def report(material, tmp_path_factory):
+def report(material, runs, tmp_path_factory):
     """Return the path of the report."""
     file = tmp_path_factory.mktemp('report') / page.REPORT_FILE
-    file.write_text(page.report_html(material))
+    file.write_text(page.report_html(material, runs))
     return file
 
 

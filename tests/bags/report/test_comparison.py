@@ -53,12 +53,6 @@ def again(drives, comparison, tmp_path_factory):
         return compare_drives(drives, folder, {'damage': DAMAGE})
 
 
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Draw no figures, which takes seconds."""
-    monkeypatch.setattr(comparison_figures, 'write_figures', lambda *given: None)
-
-
 @pytest.fixture(scope='module')
 def runs(comparison):
     return comparison.values['runs']

@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 from PIL import Image
 from straight_drive import obstacle, straight_scene
 
-from bags import cli
 from bags.errors import BagError
 from bags.figures import film
 from bags.figures.film import FilmOptions
@@ -139,11 +138,10 @@ def test_a_video_is_written_where_ffmpeg_is(runs, tmp_path):
     assert out.read_bytes()[4:8] == b'ftyp'
 
 
-def test_the_command_makes_a_film_of_bags(drives, write_bag, tmp_path, capsys):
+def test_the_command_makes_a_film_of_bags(drives, write_bag, tmp_path, bags_prints):
     bag = write_bag(drives['mpcc'])
     out = tmp_path / 'film.gif'
-    words = ['film', str(bag), '--out', str(out), '--width', '480', '--from', '1', '--to', '1.1']
-    assert cli.main(words) == 0
-    assert capsys.readouterr().out.startswith(f'{out}: 2 frames, 0.0')
+    output = bags_prints('film', bag, '--out', out, '--width', 480, '--from', 1, '--to', 1.1)
+    assert output.startswith(f'{out}: 2 frames, 0.0')
     with Image.open(out) as picture:
         assert picture.n_frames == 2

@@ -34,24 +34,24 @@ def test_it_fetches_nothing_and_is_small(report):
     assert not re.findall(r'@import|url\((?!data:)', page.PAGE.joinpath('report.css').read_text())
 
 
-def test_a_page_of_two_runs_is_made_in_seconds(material):
+def test_a_page_of_two_runs_is_made_in_seconds(material, runs):
     start = time.process_time()
-    page.report_html(material)
+    page.report_html(material, runs)
     assert time.process_time() - start < 5.0
 
 
-def test_names_and_notes_of_a_run_cannot_break_out_of_the_page(material):
+def test_names_and_notes_of_a_run_cannot_break_out_of_the_page(material, runs):
     evil = '</script><b onclick="x">&'
-    run = changed(material.runs[0], name=evil, run_info={'mode': evil})
-    values = {'scenario': evil, 'runs': {evil: material.values['runs']['mpcc']}}
-    text = page.report_html(page.ReportData(values, [run]))
+    run = changed(runs[0], name=evil, run_info={'mode': evil})
+    values = {'scenario': evil, 'runs': {evil: material['runs']['mpcc']}}
+    text = page.report_html(values, [run])
     assert evil not in text
-    assert text.count('</script>') == page.report_html(material).count('</script>')
+    assert text.count('</script>') == page.report_html(material, runs).count('</script>')
 
 
 def test_every_number_of_the_table_and_what_differs_stands_in_the_page(material, logs, report):
     text = report.read_text()
-    for result in material.values['runs'].values():
+    for result in material['runs'].values():
         assert f'{result["min_v2o_m"]:.2f}' in text
         assert f'{result["peak_lat_acc_mps2"]:.1f}' in text
     assert 'a &lt;fast&gt; one' in text
@@ -64,9 +64,9 @@ def test_every_number_of_the_table_and_what_differs_stands_in_the_page(material,
     assert rows['commit'] == ['0123456789-dirty', '–']
 
 
-def test_a_drive_without_notes_has_a_report_all_the_same(material):
-    silent = [changed(run, log=EMPTY_LOG) for run in material.runs]
-    text = page.report_html(material._replace(runs=silent))
+def test_a_drive_without_notes_has_a_report_all_the_same(material, runs):
+    silent = [changed(run, log=EMPTY_LOG) for run in runs]
+    text = page.report_html(material, silent)
     assert 'id="manoeuvre"' in text
     assert 'data-panel="v2o"' in text
     # nothing was said of friction use
@@ -109,15 +109,15 @@ def test_every_metric_and_its_meaning_stand_in_the_glossary(report):
         assert str(markupsafe.escape(metric.meaning)) in glossary
 
 
-def test_scenario_and_controllers_are_described_where_the_bag_does(material):
+def test_scenario_and_controllers_are_described_where_the_bag_does(material, runs):
     info = {
         'scenario_text': 'name: s\ndescription: Two cars < one road.\n',
         'controller_description': leading_comment('# A first line\n# and a second.\nbase: x\n'),
     }
-    told = [changed(run, run_info=info) for run in material.runs]
-    text = page.report_html(material._replace(runs=told))
+    told = [changed(run, run_info=info) for run in runs]
+    text = page.report_html(material, told)
     assert '<p class="lead">Two cars &lt; one road.</p>' in text
-    assert text.count('<dd>A first line and a second.</dd>') == len(material.runs)
+    assert text.count('<dd>A first line and a second.</dd>') == len(runs)
     for broken in ('a: [', 'no mapping', ''):
         assert describe_runs(['mpcc'], [{'scenario_text': broken}]).scenario == UNKNOWN
 

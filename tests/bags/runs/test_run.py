@@ -93,18 +93,12 @@ def test_a_set_point_is_due_a_period_after_its_state(second):
     assert np.array_equal(values, [np.nan, 1.0, 1.5, np.nan], equal_nan=True)
 
 
-def test_parameters_and_metadata(run):
-    assert run.parameters['controller.safety.obstacle_m'] == 0.5
-    assert run.metadata['mode'] == 'lockstep'
-    assert 'python' in run.metadata['versions']
-    assert run.scenario == 'straight'
-    assert run.duration_s == pytest.approx(2.5)
-
-
 def test_a_run_is_one_line_and_one_that_cannot_be_evaluated_still_has_frames(run, second):
     text = repr(run)
     assert text.startswith("Run('mpcc', straight, 2.50 s: did not reach the finish line")
     assert len(text) < 200
+    assert run.parameters['controller.safety.obstacle_m'] == 0.5
+    assert 'python' in run.metadata['versions']
     assert repr(second) == "Run('one second', one second, 1.00 s: 13 topics)"
     with pytest.raises(BagError, match='parameters'):
         second.metrics  # noqa: B018

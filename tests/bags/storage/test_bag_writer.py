@@ -10,10 +10,9 @@ from one_second import expected, write_recordings
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
-from bags.errors import BagError
 from bags.evaluation.bag_summary import summarize_bag
 from bags.storage import read
-from bags.storage.bag_writer import NO_SPLIT, BagWriter, Split
+from bags.storage.bag_writer import NO_SPLIT, Split
 from bags.storage.mcap_reader import mcap_files, read_mcap
 from msgs_yaml import contract, share
 
@@ -149,12 +148,3 @@ def test_metadata_lists_files_and_messages_as_rosbag2_does(split, whole):
     if len(names) == 1:
         inside = read_mcap(folder / names[0]).records['rosbag2']['serialized_metadata']
         assert yaml.safe_load(inside) == beside
-
-
-def test_a_folder_that_exists_or_cannot_be_made_is_refused_and_left_alone(tmp_path):
-    (tmp_path / 'file').touch()
-    with pytest.raises(BagError, match='exists already'):
-        BagWriter(tmp_path, [], {})
-    with pytest.raises(BagError, match=r'file/bag: cannot be created: Not a directory'):
-        BagWriter(tmp_path / 'file' / 'bag', [], {})
-    assert [path.name for path in tmp_path.iterdir()] == ['file']

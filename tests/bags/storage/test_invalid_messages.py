@@ -15,11 +15,9 @@ from one_second import TOPICS, in_memory, recording
 from rich.console import Console
 from straight_drive import drive_of
 
-from bags import cli
 from bags.errors import BagError
 from bags.evaluation import metrics
 from bags.evaluation.bag_summary import summarize_bag
-from bags.figures import comparison_figures
 from bags.report.comparison import compare_bags, show_comparison
 from bags.run import load_quietly
 from bags.storage import read
@@ -271,8 +269,7 @@ def test_the_verdict_is_that_of_the_valid_messages(clean, bag):
     assert result['min_v2e_m'] == pytest.approx(1.9)
 
 
-def test_what_was_left_out_is_counted_by_topic_with_the_first_reason(bag, tmp_path, monkeypatch):
-    monkeypatch.setattr(comparison_figures, 'write_figures', lambda *given: None)
+def test_what_was_left_out_is_counted_by_topic_with_the_first_reason(undrawn, bag, tmp_path):
     compared = compare_bags([bag], tmp_path / 'out')
     result = json.loads(compared.file.read_text())['invalid_messages']['mpcc']
     counts = {topic: item['count'] for topic, item in result.items()}
@@ -287,12 +284,10 @@ def test_what_was_left_out_is_counted_by_topic_with_the_first_reason(bag, tmp_pa
 
 
 @pytest.mark.parametrize('command', ['info', 'timing'])
-def test_the_other_readers_go_on_and_count_too(bag, command, capsys):
-    assert cli.main([command, str(bag), '--json']) == 0
-    result = json.loads(capsys.readouterr().out)
+def test_the_other_readers_go_on_and_count_too(bag, command, bags_prints):
+    result = json.loads(bags_prints(command, bag, '--json'))
     assert result['invalid_messages'][STATE]['count'] == 2
-    assert cli.main([command, str(bag)]) == 0
-    output = ' '.join(capsys.readouterr().out.split())
+    output = ' '.join(bags_prints(command, bag).split())
     assert f'1 invalid messages of {REFERENCE} were left out; message 1: poses is 0 long' in output
 
 
