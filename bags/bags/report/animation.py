@@ -5,11 +5,10 @@ The script of the page only looks up these numbers and rotates the outline.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from bokeh.models import ColumnDataSource, HoverTool, Range1d
-from bokeh.plotting import figure
 
 from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.figures import comparison_figures, scene, style
@@ -87,19 +86,14 @@ def _rows(run, stamp_ns, lines, every=1):
     return float32(t=t, x=padded[:, ::every, 0], y=padded[:, ::every, 1])
 
 
-class TopView(NamedTuple):
-    """The figure and the data of its animation, for the script of the page."""
+def build_top_view(
+    runs: Sequence[EvaluatedDrive], overlays: Sequence[Overlay] = ()
+) -> dict[str, Any]:
+    """Return the road from above, with the scene of the first run, for the script of the page.
 
-    plot: figure
-    obstacles: dict[str, Any]  # positions in each frame
-    places: ColumnDataSource | None  # drawn positions
-    runs: list[dict[str, Any]]  # of each: name and numbers of car and plans; what is drawn
-
-
-def build_top_view(runs: Sequence[EvaluatedDrive], overlays: Sequence[Overlay] = ()) -> TopView:
-    """Return the road from above, with the scene of the first run.
-
-    Everything that moves is drawn from sources that the page updates for every frame.
+    Everything that moves is drawn from sources that the page updates for every frame: `plot` is the
+    figure, `obstacles` their positions in each frame, `places` the drawn ones (None without any),
+    `runs` of each its name, the numbers of car and plans, and what is drawn.
     """
     low, high = comparison_figures.road_limits(runs)
     road = float(np.clip(WIDTH * comparison_figures.road_aspect(runs), *HEIGHTS))
@@ -139,7 +133,8 @@ def build_top_view(runs: Sequence[EvaluatedDrive], overlays: Sequence[Overlay] =
         if path is not None:
             source = ColumnDataSource(float32(x=path[:, 0], y=path[:, 1]))
             tag_run(overlay, plot.line('x', 'y', source=source, **line_look(overlay)))
-    return TopView(plot, still, places, [_moving(plot, run, t) for run in runs])
+    moving = [_moving(plot, run, t) for run in runs]
+    return {'plot': plot, 'obstacles': still, 'places': places, 'runs': moving}
 
 
 def _draw_obstacles(plot, seen, facts, still):

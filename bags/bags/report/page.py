@@ -38,7 +38,7 @@ def report_html(
     infos = [run.log.run_info for run in runs]
     with_paper = values.get(metrics_table.OF_PAPER, False)
     view = animation.build_top_view(runs, overlays)
-    duration = float(view.obstacles['t'][-1])
+    duration = float(view['obstacles']['t'][-1])
     time_axis = Range1d(0.0, duration)
     drawn = (interactive_panels.plot_panel(panel, runs, time_axis, overlays) for panel in PANELS)
     panels = [*filter(None, drawn), interactive_panels.plot_gg(runs)]
@@ -46,12 +46,12 @@ def report_html(
     document = Document()
     # one pass over all models instead of one per figure
     with document.models.freeze():
-        for plot in (view.plot, *panels):
+        for plot in (view['plot'], *panels):
             document.add_root(plot)
-    arguments = {'film': view._asdict(), 'panels': panels}
+    arguments = {'film': view, 'panels': panels}
     document.js_on_event('document_ready', CustomJS(args=arguments, code=START))
     # the script with all figures, and the HTML element of each by name
-    figures = {plot.name: plot for plot in (view.plot, *panels)}
+    figures = {plot.name: plot for plot in (view['plot'], *panels)}
     script, divs = components(figures, wrap_script=False)
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     environment.trim_blocks = environment.lstrip_blocks = True

@@ -82,10 +82,10 @@ def test_the_film_is_where_the_drive_was(runs):
     assert car['x'][100] == pytest.approx(run.drive.motion.x[k], abs=1e-3)
     assert car['y'][100] == pytest.approx(run.drive.motion.y[k], abs=1e-3)
     view = animation.build_top_view(runs)
-    x = view.obstacles['x']
+    x = view['obstacles']['x']
     assert x[:, 0] == pytest.approx(60.0)
     assert np.diff(x[:, 1]) == pytest.approx(5.0 * animation.FRAME_NS * 1e-9, abs=1e-4)
-    assert view.runs[0]['plan']['x'].shape == (len(run.log.predictions), 26)
+    assert view['runs'][0]['plan']['x'].shape == (len(run.log.predictions), 26)
 
 
 def test_every_plot_has_its_unit_and_a_key_with_every_run(runs, report):
@@ -119,7 +119,7 @@ def test_scenario_and_controllers_are_described_where_the_bag_does(material, run
     assert '<p class="lead">Two cars &lt; one road.</p>' in text
     assert text.count('<dd>A first line and a second.</dd>') == len(runs)
     for broken in ('a: [', 'no mapping', ''):
-        assert describe_runs(['mpcc'], [{'scenario_text': broken}]).scenario == UNKNOWN
+        assert describe_runs(['mpcc'], [{'scenario_text': broken}])['scenario'] == UNKNOWN
 
 
 def test_the_film_opens_where_the_runs_are_closest_to_an_obstacle(runs):
