@@ -148,12 +148,6 @@ def frame_of(topic: str, table: Columns) -> 'pd.DataFrame':
     return pandas.DataFrame(flat, index=_time(pandas, table.t_s))
 
 
-def signal_frame(t_s: np.ndarray, columns: Mapping[str, np.ndarray]) -> 'pd.DataFrame':
-    """Return signals (n,) by column as a DataFrame indexed by time (n,) [s]."""
-    pandas = import_pandas()
-    return pandas.DataFrame(dict(columns), index=_time(pandas, t_s))
-
-
 def describe(topic: str = '') -> 'pd.DataFrame':
     """Return unit and meaning by column of a topic, by default of the derived signals.
 

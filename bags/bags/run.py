@@ -215,7 +215,9 @@ class Run(EvaluatedDrive):
         `describe()` says what each column is. Raises BagError as `drive`, ImportError without
         pandas.
         """
-        return frames.signal_frame(self.series.t, signals.compute_signals(self))
+        pandas = frames.import_pandas()
+        index = pandas.Index(self.series.t, name=frames.INDEX)
+        return pandas.DataFrame(signals.compute_signals(self), index=index)
 
     def frame(self, topic: str = '') -> 'pd.DataFrame':
         """Return the messages of a topic as flat columns, indexed by time [s]; see `frames`.
