@@ -148,12 +148,6 @@ def frame_of(topic: str, table: Columns) -> 'pd.DataFrame':
     return pandas.DataFrame(flat, index=_time(pandas, table.t_s))
 
 
-def signal_frame(t_s: np.ndarray, columns: Mapping[str, np.ndarray]) -> 'pd.DataFrame':
-    """Return signals (n,) by column as a DataFrame indexed by time (n,) [s]."""
-    pandas = import_pandas()
-    return pandas.DataFrame(dict(columns), index=_time(pandas, t_s))
-
-
 def describe(topic: str = '') -> 'pd.DataFrame':
     """Return unit and meaning by column of a topic, by default of the derived signals.
 
@@ -189,78 +183,69 @@ def _records(pandas, table: Columns, rows: Iterable[Mapping[str, Any]]) -> 'pd.D
     return pandas.DataFrame.from_records([*stamps], index=_time(pandas, table.t_s))
 
 
-def _points(pandas, table: Columns, parts: list[tuple], levels: tuple[str, ...]):
-    """Return a DataFrame with a row per point.
+def _lines(pandas, table: Columns, lines: Callable[[Any], Iterable[tuple]], *levels: str):
+    """Return a DataFrame with a row per point of lines.
 
-    `parts` are of each line: number of its message, the values of the index that all its points
-    share, and its columns (n,).
+    `lines(value)` yields of each line of a message the values of the `levels` of the index that
+    all its points share, and its columns (n,); the last level is the number of the point.
     """
-    columns: dict[str, list] = {'stamp_ns': [], INDEX: [], **{name: [] for name in levels}}
-    for message, shared, fields in parts:
-        count = len(next(iter(fields.values())))
-        filled = (table.stamp_ns[message], table.t_s[message], *shared)
-        names = ('stamp_ns', INDEX, *levels[:-1])
-        for name, value in zip(names, filled):
-            columns[name].append(np.full(count, value))
-        columns[levels[-1]].append(np.arange(count))
-        for name, values in fields.items():
-            columns.setdefault(name, []).append(values)
-    joined = {name: np.concatenate(pieces) for name, pieces in columns.items()}
-    return pandas.DataFrame(joined).set_index([INDEX, *levels])
-
-
-POSE = {'x_m': 'X', 'y_m': 'Y', 'yaw_rad': 'psi'}  # columns of a pose, and its fields
+    each = [
+        ((t_s, *shared), pandas.DataFrame({'stamp_ns': stamp_ns, **fields}))
+        for stamp_ns, t_s, value in zip(table.stamp_ns, table.t_s, table.values)
+        for shared, fields in lines(value)
+    ]
+    keys, parts = zip(*each)
+    return pandas.concat(parts, keys=keys, names=[INDEX, *levels])
 
 
 def _poses(pandas, table, level, fields):
     """Return the frame of messages that are a line each; `fields` by column."""
-    parts = [
-        (k, (), {column: getattr(value, field) for column, field in fields.items()})
-        for k, value in enumerate(table.values)
-    ]
-    return _points(pandas, table, parts, (level,))
+
+    def lines(value):
+        yield (), {column: getattr(value, field) for column, field in fields.items()}
+
+    return _lines(pandas, table, lines, level)
 
 
 def _edges(pandas, table):
-    parts = [
-        (k, (side,), dict(zip(('x_m', 'y_m'), getattr(value, side).T)))
-        for k, value in enumerate(table.values)
-        for side in ('left', 'right')
-    ]
-    return _points(pandas, table, parts, ('edge', 'point'))
+    def lines(value):
+        for side in ('left', 'right'):
+            yield (side,), dict(zip(('x_m', 'y_m'), getattr(value, side).T))
+
+    return _lines(pandas, table, lines, 'edge', 'point')
 
 
 def _obstacles(pandas, table):
     names = tuple(MEANINGS['/scenario/obstacles'])
-
-    def row(message):
-        return {
+    rows = (
+        {
             f'{name}{MEMBER}{item.id}': number
-            for item in sorted(message.items)
+            for item in message.items
             for name, number in zip(names, (item.X, item.Y, item.r_obs, item.vX, item.vY))
         }
-
-    frame = _records(pandas, table, map(row, table.values))
+        for message in table.values
+    )
+    frame = _records(pandas, table, rows)
     # an obstacle that appears later is in no other place of the table
     numbers = sorted({item.id for message in table.values for item in message.items})
     return frame[['stamp_ns', *(f'{name}{MEMBER}{k}' for k in numbers for name in names)]]
 
 
-def _reports(pandas, table, about):
+def _reports(pandas, table, **about):
     """Return the frame of reports; `about` are the fields that come before their values."""
     rows = ({**{n: getattr(v, f) for n, f in about.items()}, **v.values} for v in table.values)
     return _records(pandas, table, rows)
 
 
+POSE = {'x_m': 'X', 'y_m': 'Y', 'yaw_rad': 'psi'}  # columns of a pose, and its fields
+STATUS = {'level': 'level', 'message': 'message'}
 _BUILDERS: dict[str, Callable[[Any, Columns], 'pd.DataFrame']] = {
     '/scenario/reference': partial(_poses, level='point', fields={**POSE, 'passes_s': 't'}),
     '/scenario/road_edges': _edges,
     '/scenario/obstacles': _obstacles,
     '/controller/prediction': partial(_poses, level='stage', fields={'ahead_s': 't', **POSE}),
-    '/controller/why': partial(_reports, about={'level': 'level', 'message': 'message'}),
-    '/diagnostics': partial(
-        _reports, about={'node': 'name', 'level': 'level', 'message': 'message'}
-    ),
+    '/controller/why': partial(_reports, **STATUS),
+    '/diagnostics': partial(_reports, node='name', **STATUS),
     '/clock': partial(_records, rows=itertools.repeat({})),
     '/vehicle/run_start': partial(_records, rows=itertools.repeat({})),
 }

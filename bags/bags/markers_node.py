@@ -85,7 +85,8 @@ class MarkersNode(Node):
 def marker_array(topic: str, stamp_ns: int, shapes: Sequence[Shape]) -> MarkerArray:
     """Return the message of a marker topic; it replaces all markers sent before."""
     frame = contract.load().topics[topic].frame
-    header = Header(stamp=_time(stamp_ns), frame_id=frame)
+    sec, nanosec = conversions.split_stamp(stamp_ns)
+    header = Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame)
     clear = Marker(header=header, action=Marker.DELETEALL)
     return MarkerArray(markers=[clear, *(_marker(header, shape) for shape in shapes)])
 
@@ -111,11 +112,6 @@ def _marker(header, shape):
 def _colour(rgba):
     red, green, blue, opacity = (float(value) for value in rgba)
     return ColorRGBA(r=red, g=green, b=blue, a=opacity)
-
-
-def _time(stamp_ns):
-    sec, nanosec = conversions.split_stamp(stamp_ns)
-    return Time(sec=sec, nanosec=nanosec)
 
 
 def main() -> int:

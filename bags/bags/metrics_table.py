@@ -135,20 +135,16 @@ def _coloured(cell):
 
 def drives_of_paper(drives: Iterable[Drive]) -> dict[str, bool]:
     """Return what comparison.json says of drives that all were the manoeuvre of the paper."""
-
-    def is_of_paper(drive):
-        desired_mps, obstacles = drive.scene.desired_mps, drive.scene.obstacles
-        return (
-            desired_mps is not None
-            and abs(desired_mps - PAPER_SPEED_MPS) <= SPEED_TOLERANCE_MPS
-            and len(obstacles) == len(PAPER_OBSTACLES_M)
-            and all(
-                np.allclose(np.column_stack([item.x, item.y]), place)
-                for item, place in zip(obstacles, PAPER_OBSTACLES_M)
-            )
-        )
-
-    return {OF_PAPER: True} if all(map(is_of_paper, drives)) else {}
+    for scene in (drive.scene for drive in drives):
+        places = [np.column_stack([item.x, item.y]) for item in scene.obstacles]
+        if (
+            scene.desired_mps is None
+            or abs(scene.desired_mps - PAPER_SPEED_MPS) > SPEED_TOLERANCE_MPS
+            or len(places) != len(PAPER_OBSTACLES_M)
+            or not all(map(np.allclose, places, PAPER_OBSTACLES_M))
+        ):
+            return {}
+    return {OF_PAPER: True}
 
 
 def metrics_csv(runs: Mapping[str, Mapping[str, Any]]) -> str:

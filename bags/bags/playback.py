@@ -162,9 +162,7 @@ class Keyboard:
     """
 
     def __init__(self, pressed: Callable[[str], None]):
-        self._pressed = pressed
-        self._closing = False
-        self._thread = self._before = None
+        self._pressed, self._closing = pressed, False
         # a background process that changes the terminal is stopped by it
         try:
             terminal = sys.stdin.isatty() and os.tcgetpgrp(sys.stdin.fileno())
@@ -190,7 +188,6 @@ class Keyboard:
     def close(self) -> None:
         """Stop reading, restore the terminal."""
         self._closing = True
-        if self._thread is not None:
+        if self.attached:
             self._thread.join()
-            self._thread = None
             termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)

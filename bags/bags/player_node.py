@@ -55,7 +55,19 @@ class PlayerNode(Node):
         super().__init__('player')
         defaults = share.path('bags', 'config', 'player.yaml')
         self.params = ros.declare(self, PlayerParams, defaults)
-        self.bag, self.playlist = self._load()
+        if not self.params.bag:
+            raise ParameterError('bag: is missing; it names the bag to play')
+        part = Part(self.params.start_s, self.params.duration_s, self.params.topics)
+        try:
+            with warnings.catch_warnings():
+                # logged below
+                warnings.simplefilter('ignore', DamagedBagWarning)
+                self.bag = read.load(self.params.bag)
+            self.playlist = build_playlist(self.bag, part, self.params.clock_hz)
+        except BagError as error:
+            raise ParameterError(f'bag: {error}') from error
+        if self.bag.damage:
+            self.get_logger().warning(self.bag.damage)
         self.topic_publishers = list(map(self._publisher, self.playlist.topics))
         self.keys = SimpleQueue()
         self.keyboard = Keyboard(self.keys.put)
@@ -63,23 +75,6 @@ class PlayerNode(Node):
             raise ParameterError('paused: is true, but no keyboard is attached to resume')
         self.thread = Thread(target=self._play_guarded, daemon=True)
         self.thread.start()
-
-    def _load(self):
-        params = self.params
-        if not params.bag:
-            raise ParameterError('bag: is missing; it names the bag to play')
-        part = Part(params.start_s, params.duration_s, params.topics)
-        try:
-            with warnings.catch_warnings():
-                # logged below
-                warnings.simplefilter('ignore', DamagedBagWarning)
-                bag = read.load(params.bag)
-            playlist = build_playlist(bag, part, params.clock_hz)
-        except BagError as error:
-            raise ParameterError(f'bag: {error}') from error
-        if bag.damage:
-            self.get_logger().warning(bag.damage)
-        return bag, playlist
 
     def _publisher(self, topic):
         """Return the publisher of a topic, None where its type is not installed."""
@@ -89,10 +84,8 @@ class PlayerNode(Node):
         except (ImportError, AttributeError):
             self.get_logger().warning(f'{topic.name}: {topic.type} is not installed; left out')
             return None
-        return ros.BlockingPublisher(
-            self,
-            self.create_publisher(kind, ros.relative_name(topic.name), to_qos_profile(topic.qos)),
-        )
+        name, profile = ros.relative_name(topic.name), to_qos_profile(topic.qos)
+        return ros.BlockingPublisher(self, self.create_publisher(kind, name, profile))
 
     def _play_guarded(self):
         code = 1
@@ -150,12 +143,12 @@ class PlayerNode(Node):
             key, now_ns = self._pressed(0.0 if is_due else wait_s), time.monotonic_ns()
             if key == QUIT:
                 return False
-            if key not in (PAUSE, STEP):
-                continue
             if key == PAUSE:
                 clock.toggle(now_ns)
-            else:
+            elif key == STEP:
                 clock.step(round(self.params.step_s * NS_PER_S), due_ns, now_ns)
+            else:
+                continue
             state = 'paused' if clock.paused else 'resumed'
             self.get_logger().info(f'{state} at {clock.position_ns(now_ns) / NS_PER_S:.3f} s')
 

@@ -68,25 +68,36 @@ class RecorderNode(ManagedNode):
     def configure(self):
         """Create the bag, and subscribe."""
         self.time = SimulatedTime(lambda: _arrived(self.inlets[CLOCK]))
-        mode = ros.mode(self)
+        mode, params = ros.mode(self), self.params
         self.topics = recorded_topics()
         topics = [bag_topic(topic, mode) for topic in self.topics.values()]
-        self.bag = self._create(topics, mode)
+        if not params.out:
+            raise ParameterError('out: is missing; it names the folder to create for the bag')
+        folder, numbers = params.out, count(2)
+        while folder in self.folders and Path(folder).exists():
+            folder = f'{params.out}_{next(numbers)}'
+        split = Split(round(params.split_mb * MB), round(params.split_s * NS_PER_S))
+        info = {**run_info(params.run_info, mode), NAMESPACE: self.get_namespace()}
+        try:
+            self.bag = BagWriter(folder, topics, {'run': info}, split)
+        except BagError as error:
+            raise ParameterError(f'out: {error}') from error
+        self.folders.add(folder)
         clock_publisher = contract.load().topics[CLOCK].publisher
-        self.filings = [
-            Filing(
-                described,
-                mode,
-                partial(self.bag.write, k),
-                topic.publisher != ANY,
-                self.time,
-                topic.publisher == clock_publisher,
-            )
-            for k, (described, topic) in enumerate(zip(topics, self.topics.values()))
-        ]
         # a second node without an executor: only `drain` takes its messages
         self.inbox = ros.polled_node(self, f'{self.get_name()}_inbox')
-        self.inlets = {name: self._subscribe(topic) for name, topic in self.topics.items()}
+        self.filings, self.inlets = [], {}
+        for k, (described, (name, topic)) in enumerate(zip(topics, self.topics.items())):
+            write, by_plant = partial(self.bag.write, k), topic.publisher == clock_publisher
+            is_single = topic.publisher != ANY
+            self.filings.append(Filing(described, mode, write, is_single, self.time, by_plant))
+            # a queue that drops no message
+            profile = ros.to_qos_profile(topic.requested_qos(mode))
+            profile.history = HistoryPolicy.KEEP_ALL
+            full = name if name == ROSOUT else ros.full_name(self, name)
+            self.inlets[name] = self.inbox.create_subscription(
+                ros.message_type(name), full, lambda data: None, profile, raw=True
+            )
         self.received, self.warned = set(), set()
         # in lockstep a bag must not depend on the speed of the machine
         if mode != LOCKSTEP:
@@ -94,7 +105,7 @@ class RecorderNode(ManagedNode):
             self.health_pub = ros.publisher(self, ros.HEALTH)
             period_s = 1.0 / contract.load().topics[ros.HEALTH].rate_hz[mode]
             ros.steady_timer(self, period_s, self.publish_health)
-        self.next_chunk = time.monotonic() + self.params.chunk_s
+        self.next_chunk = time.monotonic() + params.chunk_s
 
     def activate(self):
         """Record from now on."""
@@ -112,31 +123,6 @@ class RecorderNode(ManagedNode):
         if self.inbox:
             self.inbox.destroy_node()
             self.inbox = None
-
-    def _create(self, topics, mode):
-        """Return a new bag; another one of this node is beside the first."""
-        split = Split(round(self.params.split_mb * MB), round(self.params.split_s * NS_PER_S))
-        out = folder = self.params.out
-        if not out:
-            raise ParameterError('out: is missing; it names the folder to create for the bag')
-        numbers = count(2)
-        while folder in self.folders and Path(folder).exists():
-            folder = f'{out}_{next(numbers)}'
-        info = {**run_info(self.params.run_info, mode), NAMESPACE: self.get_namespace()}
-        try:
-            bag = BagWriter(folder, topics, {'run': info}, split)
-        except BagError as error:
-            raise ParameterError(f'out: {error}') from error
-        self.folders.add(folder)
-        return bag
-
-    def _subscribe(self, topic):
-        """Subscribe with a queue that drops no message."""
-        profile = ros.to_qos_profile(topic.requested_qos(ros.mode(self)))
-        profile.history = HistoryPolicy.KEEP_ALL
-        kind = ros.message_type(topic.name)
-        name = topic.name if topic.name == ROSOUT else ros.full_name(self, topic.name)
-        return self.inbox.create_subscription(kind, name, lambda data: None, profile, raw=True)
 
     def poll(self):
         """File the messages that have arrived; close a chunk when it is due."""
@@ -237,22 +223,18 @@ class RecorderNode(ManagedNode):
     def _complete(self):
         left_out = self.time.end(fell_back=bool(self.exit_code))
         self.warn_of_misdated()
+        warn = self.get_logger().warning
         if left_out:
-            self.get_logger().warning(
-                f'{left_out} messages are left out whose stamp fell back before {CLOCK} did'
-            )
+            warn(f'{left_out} messages are left out whose stamp fell back before {CLOCK} did')
         losses = self.losses()
         span = self.bag.close({LOSS_RECORD: loss_record(losses)})
         self.get_logger().info(f'{span.count} messages in {self.bag.folder}')
         for (topic, counts), filing in zip(losses.items(), self.filings):
             if counts.lost:
-                text = f'{topic}: {counts.lost} messages lost in {counts.gaps} places'
-                self.get_logger().warning(text)
+                warn(f'{topic}: {counts.lost} messages lost in {counts.gaps} places')
             if filing.misdated:
-                self.get_logger().warning(
-                    f'{topic}: {filing.misdated} messages are filed under another time than their '
-                    'stamp'
-                )
+                other = f'{filing.misdated} messages are filed under another time than their stamp'
+                warn(f'{topic}: {other}')
 
 
 def recorded_topics() -> dict[str, Topic]:

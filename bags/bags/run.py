@@ -48,7 +48,6 @@ if TYPE_CHECKING:
 PARAMETERS = 'parameters'  # the record of the run that holds the parameters of its nodes
 NESTED = ('versions', 'machine')  # records that are mappings
 NOTHING: Mapping[str, Any] = MappingProxyType({})
-VERDICT_MEANING = 'How the run ended, in words.'
 
 
 class UnknownNameError(BagError, KeyError):
@@ -56,6 +55,17 @@ class UnknownNameError(BagError, KeyError):
 
     def __str__(self) -> str:
         return self.args[0]
+
+
+def _base(name):
+    # a member has the unit of its metric; those of an overshoot both are lengths
+    return name.partition('.')[0]
+
+
+def _known(name, values):
+    if name not in values:
+        raise UnknownNameError(f'no metric {name!r}{closest(name, values)}')
+    return values[name]
 
 
 class MetricValues(Mapping[str, Any]):
@@ -69,10 +79,7 @@ class MetricValues(Mapping[str, Any]):
         self._values = dict(values)
 
     def __getitem__(self, name: str) -> Any:
-        known = self.flat() | self._values
-        if name not in known:
-            raise _unknown_metric(name, known)
-        return known[name]
+        return _known(name, self.flat() | self._values)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._values)
@@ -82,11 +89,13 @@ class MetricValues(Mapping[str, Any]):
 
     def unit(self, name: str) -> str:
         """Return the unit of a metric, '' of one without; KeyError for an unknown name."""
-        return '' if name == VERDICT else _metric(name).unit
+        return '' if name == VERDICT else _known(_base(name), METRICS).unit
 
     def meaning(self, name: str) -> str:
         """Return what a metric is, in one sentence or more; KeyError for an unknown name."""
-        return VERDICT_MEANING if name == VERDICT else _metric(name).meaning
+        if name == VERDICT:
+            return 'How the run ended, in words.'
+        return _known(_base(name), METRICS).meaning
 
     def flat(self) -> dict[str, Any]:
         """Return every single value by dotted name, as the rows of comparison.csv."""
@@ -109,18 +118,6 @@ class MetricValues(Mapping[str, Any]):
         widths = [max(len(line[k]) for line in lines) for k in range(2)]
         rows = (f'{title:<{widths[0]}}  {unit:<{widths[1]}}  {v}' for title, unit, v in lines)
         return '\n'.join((self._values[VERDICT], *rows))
-
-
-def _metric(name):
-    # a member has the unit of its metric; those of an overshoot both are lengths
-    base = name.partition('.')[0]
-    if base not in METRICS:
-        raise _unknown_metric(name, [VERDICT, *METRICS])
-    return METRICS[base]
-
-
-def _unknown_metric(name, known):
-    return UnknownNameError(f'no metric {name!r}{closest(name, known)}')
 
 
 class Run(EvaluatedDrive):
@@ -218,7 +215,9 @@ class Run(EvaluatedDrive):
         `describe()` says what each column is. Raises BagError as `drive`, ImportError without
         pandas.
         """
-        return frames.signal_frame(self.series.t, signals.compute_signals(self))
+        pandas = frames.import_pandas()
+        index = pandas.Index(self.series.t, name=frames.INDEX)
+        return pandas.DataFrame(signals.compute_signals(self), index=index)
 
     def frame(self, topic: str = '') -> 'pd.DataFrame':
         """Return the messages of a topic as flat columns, indexed by time [s]; see `frames`.

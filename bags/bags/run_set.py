@@ -47,7 +47,12 @@ class RunSet(Sequence[Run]):
     def __init__(self, runs: Iterable[Run]):
         self.by_label: dict[str, Run] = {}
         for run in runs:
-            self.by_label[_unique(run, self.by_label)] = run
+            folders, path = (), run.path
+            if path:
+                folders = ((path.parent if path.suffix == MCAP else path).name,)
+            numbered = (f'{run.label} ({number})' for number in itertools.count(2))
+            names = itertools.chain([run.label], folders, numbered)
+            self.by_label[next(name for name in names if name not in self.by_label)] = run
 
     @overload
     def __getitem__(self, which: int | str) -> Run: ...
@@ -137,12 +142,3 @@ def compare(*runs: Run) -> RunSet:
     if not runs:
         raise BagError('compare: no run is given; allowed one or more')
     return RunSet(runs)
-
-
-def _unique(run, taken):
-    """Return a label that is not taken: the label, the folder, or the label with a number."""
-    names = [run.label]
-    if run.path:
-        names.append((run.path.parent if run.path.suffix == MCAP else run.path).name)
-    numbered = (f'{run.label} ({number})' for number in itertools.count(2))
-    return next(name for name in itertools.chain(names, numbered) if name not in taken)

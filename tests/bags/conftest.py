@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
+from bags import cli
+from bags.figures import comparison_figures
 from bags.storage import message_filing
 from bags.storage.bag_writer import BagWriter
 from msgs_yaml import contract, encode, types
@@ -74,15 +76,15 @@ def messages(drive):
 
 @pytest.fixture(scope='session')
 def write_bag_into():
-    """Return write(folder, drive, name, extra) -> the bag of the drive below a folder.
+    """Return write(folder, drive, name, extra, ...) -> the bag of the drive below a folder.
 
-    `extra` are (topic, ns, CDR) more.
+    `extra` are (topic, ns, CDR) more; the scenario has a name and a text.
     """
 
-    def write(folder, drive, name='mpcc', extra=()):
+    def write(folder, drive, name='mpcc', extra=(), scenario='straight', text='schema: 1'):
         topics = message_filing.bag_topics(contract.load(), 'lockstep')
         index = {topic.name: i for i, topic in enumerate(topics)}
-        info = provenance.describe_run('straight', 'schema: 1', name, 'lockstep', PARAMETERS)
+        info = provenance.describe_run(scenario, text, name, 'lockstep', PARAMETERS)
         bag = BagWriter(folder / name, topics, {'run': info})
         sent = [(topic, ns, serialize_message(item)) for topic, ns, item in messages(drive)]
         for topic, ns, data in [*sent, *extra]:
@@ -91,6 +93,23 @@ def write_bag_into():
         return folder / name
 
     return write
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Draw no figures, which takes seconds."""
+    monkeypatch.setattr(comparison_figures, 'write_figures', lambda *given: None)
+
+
+@pytest.fixture
+def bags_prints(capsys):
+    """Return run(words) -> what a command of `bags` that succeeds prints."""
+
+    def run(*words):
+        assert cli.main([*map(str, words)]) == 0
+        return capsys.readouterr().out
+
+    return run
 
 
 @pytest.fixture

@@ -59,12 +59,3 @@ def test_a_mistake_is_said(folder, capsys, words, code, why):
         result = ended.code
     assert result == code
     assert why in capsys.readouterr().err
-
-
-def test_every_command_has_a_help(capsys):
-    assert {'compare', 'info', 'repair'} <= set(cli.COMMANDS)
-    for command in cli.COMMANDS:
-        with pytest.raises(SystemExit) as ended:
-            cli.main([command, '--help'])
-        assert ended.value.code == 0
-        assert f'bags {command}' in capsys.readouterr().out

@@ -1,6 +1,5 @@
-"""The right messages at the right moment of the bag; keys, and a terminal left as it was."""
+"""The right messages at the right moment of the bag; a terminal of others left as it was."""
 
-import fcntl
 import os
 import subprocess
 import sys
@@ -41,38 +40,23 @@ def make_bag(tmp_path):
     return make
 
 
-TEN = {'/a': range(10)}
 MAP = {'/map': [0, 1, 7], '/a': range(10)}
 ABC = {'/a': [0], '/b': [1], '/c': [2]}
+STEPS_BACK = {'/a': [0, 5, 3, 6], '/b': [4]}
+PART = {'start_s': 0.005, 'duration_s': 0.002}
+SENT = {
+    'ties': ({'/a': [0, 2, 2], '/b': [1, 2]}, {}, '0/a0 1/b0 2/a1 2/a2 2/b1'),
+    'steps back': (STEPS_BACK, {}, '0/a0 4/b0 5/a1 5/a2 6/a3'),
+    'both ends': ({'/a': range(10)}, PART, '0/a5 1/a6 2/a7'),
+    'latched': (MAP, PART, '0/map1 0/a5 1/a6 2/map2 2/a7'),
+    'chosen topics': (ABC, {'topics': ['/c', '/a']}, '0/a0 2/c0'),
+    'own clock': ({'/clock': [0, 5], '/a': [1]}, {}, '0/clock0 1/a0 5/clock1'),
+}
 
 
-@pytest.mark.parametrize(
-    ('times', 'part', 'clock_hz', 'sent'),
-    [
-        pytest.param(
-            {'/a': [0, 2, 2], '/b': [1, 2]}, {}, 0.0, '0/a0 1/b0 2/a1 2/a2 2/b1', id='ties'
-        ),
-        pytest.param(
-            {'/a': [0, 5, 3, 6], '/b': [4]}, {}, 0.0, '0/a0 4/b0 5/a1 5/a2 6/a3', id='steps back'
-        ),
-        pytest.param(
-            TEN, {'start_s': 0.003, 'duration_s': 0.002}, 0.0, '0/a3 1/a4 2/a5', id='both ends'
-        ),
-        pytest.param(
-            MAP,
-            {'start_s': 0.005, 'duration_s': 0.002},
-            0.0,
-            '0/map1 0/a5 1/a6 2/map2 2/a7',
-            id='latched',
-        ),
-        pytest.param(ABC, {'topics': ['/c', '/a']}, 0.0, '0/a0 2/c0', id='chosen topics'),
-        pytest.param(
-            {'/clock': [0, 5], '/a': [1]}, {}, 100.0, '0/clock0 1/a0 5/clock1', id='own clock'
-        ),
-    ],
-)
-def test_topics_meet_in_time(make_bag, times, part, clock_hz, sent):
-    result = build_playlist(make_bag(times), Part(**part), clock_hz)
+@pytest.mark.parametrize(('times', 'part', 'sent'), SENT.values(), ids=SENT)
+def test_topics_meet_in_time(make_bag, times, part, sent):
+    result = build_playlist(make_bag(times), Part(**part), 100.0 * ('/clock' in times))
     rows = zip(result.due_ns.tolist(), result.payloads)
     assert ' '.join(f'{ns // MS}{data.decode()}' for ns, data in rows) == sent
     for number, data in zip(result.topic, result.payloads):
@@ -103,96 +87,48 @@ def test_a_part_that_is_not_there_is_refused(make_bag, part, why):
         build_playlist(make_bag(ABC), part)
 
 
-def after(clock, *events):
-    """Return a clock after events: (seconds after the begin, 'toggle') or (..., length, next)."""
-    for at_s, *event in events:
-        now_ns = BEGIN_NS + round(at_s * S)
+PAUSE, RESUME = (2, 'toggle'), (100, 'toggle')
+# rate; whether it begins paused; (s after the begin, 'toggle') or (s, length of a step, next
+# message); a position, and when [s] it takes how long to it
+WAITS = {
+    'rate scales time': (2.0, False, [], 10, 3, 2.0),
+    'late': (2.0, False, [], 4, 3, -1.0),
+    'paused before it': (1.0, False, [PAUSE], 3, 50, None),
+    'due before the pause': (1.0, False, [PAUSE], 2, 9, 0.0),
+    'a pause costs nothing': (1.0, False, [PAUSE, RESUME], 3, 100, 1.0),
+    'a step': (1.0, True, [(0, 1, 0.5)], 1, 0, 0.0),
+    'no further than a step': (1.0, True, [(0, 1, 0.5)], 1.001, 0, None),
+    'at least the next message': (1.0, True, [(0, 1, 9)], 9, 0, 0.0),
+    'and no further': (1.0, True, [(0, 1, 9)], 9.001, 0, None),
+    'a step while playing pauses': (1.0, False, [(2, 0, 3)], 3.001, 20, None),
+    'on from the last step': (1.0, True, [(0, 4, 0), (9, 'toggle')], 5, 9, 1.0),
+}
+
+
+@pytest.mark.parametrize(
+    ('rate', 'paused', 'events', 'due_s', 'at_s', 'wait_s'), WAITS.values(), ids=WAITS
+)
+def test_how_long_it_takes_to_a_position(rate, paused, events, due_s, at_s, wait_s):
+    clock = PlaybackClock(rate, BEGIN_NS, paused=paused)
+    for begin_s, *event in events:
+        now_ns = BEGIN_NS + begin_s * S
         if event == ['toggle']:
             clock.toggle(now_ns)
         else:
             clock.step(*(round(value * S) for value in event), now_ns)
-    return clock
-
-
-@pytest.mark.parametrize(
-    ('rate', 'paused', 'events', 'due_s', 'at_s', 'wait_s'),
-    [
-        pytest.param(2.0, False, [], 10, 3, 2.0, id='rate scales time'),
-        pytest.param(2.0, False, [], 4, 3, -1.0, id='late'),
-        pytest.param(1.0, False, [(2, 'toggle')], 3, 50, None, id='paused before it'),
-        pytest.param(1.0, False, [(2, 'toggle')], 2, 9, 0.0, id='due before the pause'),
-        pytest.param(
-            1.0, False, [(2, 'toggle'), (100, 'toggle')], 3, 100, 1.0, id='a pause costs nothing'
-        ),
-        pytest.param(1.0, True, [(0, 1, 0.5)], 1, 0, 0.0, id='a step'),
-        pytest.param(1.0, True, [(0, 1, 0.5)], 1.001, 0, None, id='no further than a step'),
-        pytest.param(1.0, True, [(0, 1, 9)], 9, 0, 0.0, id='at least the next message'),
-        pytest.param(1.0, True, [(0, 1, 9)], 9.001, 0, None, id='and no further'),
-        pytest.param(1.0, False, [(2, 0, 3)], 3.001, 20, None, id='a step while playing pauses'),
-        pytest.param(1.0, True, [(0, 4, 0), (9, 'toggle')], 5, 9, 1.0, id='on from the last step'),
-    ],
-)
-def test_how_long_it_takes_to_a_position(rate, paused, events, due_s, at_s, wait_s):
-    clock = after(PlaybackClock(rate, BEGIN_NS, paused=paused), *events)
     assert clock.wait_s(round(due_s * S), BEGIN_NS + at_s * S) == wait_s
     position_s = due_s if wait_s is None else due_s - wait_s * rate
     assert clock.position_ns(BEGIN_NS + at_s * S) <= round(position_s * S)
 
 
-PROGRAM = """
-import sys
-from bags.playback import Keyboard
-from queue import SimpleQueue
-keys = SimpleQueue()
-keyboard = Keyboard(keys.put)
-print('attached' if keyboard.attached else 'alone', flush=True)
-while keyboard.attached and (key := keys.get(timeout=20)) != 'q':
-    print(f'key {key!r}', flush=True)
-keyboard.close()
-"""
-
-
-def start(stdin, **options):
-    return subprocess.Popen(
-        [sys.executable, '-c', PROGRAM], stdin=stdin, stdout=subprocess.PIPE, text=True, **options
-    )
-
-
-@pytest.fixture
-def terminal():
+def test_no_terminal_and_that_of_others_are_left_alone():
     leader, follower = os.openpty()
-    yield leader, follower
+    before = termios.tcgetattr(follower)
+    code = 'from bags.playback import Keyboard; print(Keyboard(print).attached)'
+    # a session of its own, but not this terminal's: a program in the background
+    for options in ({'stdin': subprocess.DEVNULL}, {'stdin': follower, 'start_new_session': True}):
+        words, given = [sys.executable, '-c', code], {'timeout': TIMEOUT_S, **options}
+        assert subprocess.check_output(words, text=True, **given) == 'False\n'
+    assert termios.tcgetattr(follower) == before
     os.close(leader)
     os.close(follower)
-
-
-def test_keys_come_without_enter_and_the_terminal_is_restored(terminal):
-    leader, follower = terminal
-    before = termios.tcgetattr(follower)
-    # as a shell would in the foreground of this terminal
-    program = start(
-        follower,
-        start_new_session=True,
-        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
-    )
-    try:
-        assert program.stdout.readline() == 'attached\n'
-        assert not termios.tcgetattr(follower)[3] & termios.ICANON
-        os.write(leader, b' s')
-        assert program.stdout.readline() == "key ' '\n"
-        assert program.stdout.readline() == "key 's'\n"
-        os.write(leader, b'q')
-        assert program.wait(TIMEOUT_S) == 0
-        assert termios.tcgetattr(follower) == before
-    finally:
-        program.kill()
-
-
-def test_no_terminal_and_that_of_others_are_left_alone(terminal):
-    _, follower = terminal
-    before = termios.tcgetattr(follower)
-    # a session of its own, but not this terminal's: a program in the background
-    programs = [start(subprocess.DEVNULL), start(follower, start_new_session=True)]
-    for program in programs:
-        assert program.communicate(timeout=TIMEOUT_S)[0] == 'alone\n'
-    assert termios.tcgetattr(follower) == before

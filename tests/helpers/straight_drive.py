@@ -9,6 +9,7 @@ from bags.evaluation.drive import (
     Facts,
     Inputs,
     Motion,
+    Obstacle,
     Scene,
     Ticks,
 )
@@ -40,6 +41,12 @@ def straight_scene(obstacles=()):
         obstacle_stamp_ns=START_NS + np.arange(0, 101) * 50 * MS,
         obstacles=tuple(obstacles),
     )
+
+
+def obstacle(number, x, y, vx=0.0, vy=0.0, radius=1.0):
+    """Return an obstacle that is at (x, y) first and moves at (vx, vy), for `straight_scene`."""
+    t, ones = np.arange(101) * 0.05, np.ones(101)
+    return Obstacle(number, x + vx * t, y + vy * t, vx * ones, vy * ones, radius)
 
 
 def drive_of(*, y=0.0, vy=0.0, yaw=0.0, force=0.0, scene=None, metres=100.0, **facts):

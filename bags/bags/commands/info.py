@@ -42,25 +42,11 @@ def show(summary: Mapping[str, Any], console: Console) -> None:
     console.print(f'{summary["messages"]} messages in {summary["duration_s"]:.3f} s')
     if summary['damage']:
         console.print(Text(summary['damage'], style='red'))
-    console.print(topic_table(summary['topics']))
-    for line in describe_invalid(summary):
-        print_text(console, line, 'red')
-    for line in _describe_run(summary):
-        print_text(console, line)
-    for name, value in summary['run'].items():
-        text = ' '.join(value.split())
-        text = text if len(text) <= LONGEST_VALUE else f'{text[:LONGEST_VALUE]} ...'
-        # a hash stays one word, which can be copied
-        print_text(console, f'{name}: {text}')
-
-
-def topic_table(topics: Mapping[str, Mapping[str, Any]]) -> Table:
-    """Return a table with a row per topic; losses and missing messages are red."""
     table = Table(box=None, header_style='bold', pad_edge=False)
     table.add_column('topic')
     for title in ('messages', 'rate in Hz', 'longest gap in s', 'lost'):
         table.add_column(title, justify='right')
-    for name, counts in topics.items():
+    for name, counts in summary['topics'].items():
         lost = number_text(counts['lost'], 'd')
         if counts['lost']:
             lost += f' in {counts["lost_places"]} places'
@@ -71,7 +57,16 @@ def topic_table(topics: Mapping[str, Mapping[str, Any]]) -> Table:
             number_text(counts['longest_gap_s'], '.3f'),
             Text(lost, style='red' if counts['lost'] else ''),
         )
-    return table
+    console.print(table)
+    for line in describe_invalid(summary):
+        print_text(console, line, 'red')
+    for line in _describe_run(summary):
+        print_text(console, line)
+    for name, value in summary['run'].items():
+        text = ' '.join(value.split())
+        text = text if len(text) <= LONGEST_VALUE else f'{text[:LONGEST_VALUE]} ...'
+        # a hash stays one word, which can be copied
+        print_text(console, f'{name}: {text}')
 
 
 def _describe_run(summary) -> Iterator[str]:

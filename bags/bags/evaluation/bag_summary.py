@@ -15,8 +15,8 @@ from bags.evaluation.tick_timing import (
     controller_reports,
     count_ticks,
     quantiles,
-    recording_stamps_ns,
     run_mode,
+    stamps_ns,
 )
 from bags.storage import read
 from bags.storage.invalid_messages import count_invalid, drop_invalid
@@ -28,13 +28,14 @@ def summarize_bag(bag: read.Bag) -> dict[str, Any]:
     """Return the summary of a bag, ready for JSON; None where the bag lacks the messages for it.
 
     Rates and gaps are of log time: ROS time in lockstep, time of arrival in realtime. Messages that
-    break the contract are counted by topic and left out of everything about the controller.
+    break the contract are counted by topic and left out of everything about the controller. Answers
+    to the state that ended the run, which is no tick, are counted apart.
     """
     valid = drop_invalid(bag)
     present = [r for r in bag.recordings.values() if r.payloads]
     first = min(int(r.log_ns.min()) for r in present)
     last = max(int(r.log_ns.max()) for r in present)
-    return {
+    summary = {
         'path': str(bag.path),
         'files': {file.name: file.stat().st_size for file in bag.files},
         'bytes': sum(file.stat().st_size for file in bag.files),
@@ -43,15 +44,32 @@ def summarize_bag(bag: read.Bag) -> dict[str, Any]:
         'duration_s': (last - first) / NS_PER_S,
         'messages': sum(len(r.payloads) for r in present),
         'damage': bag.damage,
-        'topics': {name: summarize_topic(recorded) for name, recorded in bag.recordings.items()},
+        'topics': {name: _summarize_topic(recorded) for name, recorded in bag.recordings.items()},
         **count_invalid(valid),
-        **_summarize_ticks(valid),
-        **_summarize_reports(valid),
-        'run': bag.run_info,
+        **dict.fromkeys(('latency_ms', 'ticks', 'rungs', 'fallbacks', 'reports')),
     }
+    if read.has_messages(valid, STATE, COMMAND):
+        known = quantiles(MS_PER_S * command_latency(valid)[1])
+        if known:
+            summary['latency_ms'] = {name: known[name] for name in ('p50', 'p99', 'max')}
+        counts = count_ticks(valid)
+        names = ('count', 'missed', 'unanswered', 'late', 'blind')
+        summary['ticks'] = {name: counts[name] for name in names}
+    if read.has_messages(valid, WHY):
+        whys, last_ns = controller_reports(valid), None
+        if read.has_messages(valid, STATE):
+            last_ns = int(stamps_ns(valid, STATE).max())
+        reports = [why.values for why in whys]
+        fell_back = [report for report in reports if report.get('rung') not in FRESH_PLAN]
+        on_last = [why.values.get('reason') for why in whys if why.stamp_ns == last_ns]
+        on_last = sum(reason != STATE_STALE for reason in on_last)
+        summary['rungs'] = dict(Counter(str(report.get('rung')) for report in reports))
+        summary['fallbacks'] = dict(Counter(str(report.get('reason')) for report in fell_back))
+        summary['reports'] = {'count': len(reports), 'on_last_state': on_last}
+    return {**summary, 'run': bag.run_info}
 
 
-def summarize_topic(recorded: read.Recording) -> dict[str, Any]:
+def _summarize_topic(recorded):
     """Count, rate [1/s], longest gap [s] and losses of one topic; losses None where unknown."""
     n = len(recorded.payloads)
     gaps = np.diff(np.sort(recorded.log_ns)) / NS_PER_S
@@ -66,39 +84,4 @@ def summarize_topic(recorded: read.Recording) -> dict[str, Any]:
         'lost_places': losses.gaps,
         'lost_longest': losses.longest,
         'sent_before': losses.before,
-    }
-
-
-def _summarize_ticks(bag):
-    """Return latency and ticks, from the times at which states and commands were sent."""
-    if not read.has_messages(bag, STATE, COMMAND):
-        return {'latency_ms': None, 'ticks': None}
-    known = quantiles(MS_PER_S * command_latency(bag).latency_s)
-    counts = count_ticks(bag)
-    names = ('count', 'missed', 'unanswered', 'late', 'blind')
-    return {
-        'latency_ms': {name: known[name] for name in ('p50', 'p99', 'max')} if known else None,
-        'ticks': {name: getattr(counts, name) for name in names},
-    }
-
-
-def _summarize_reports(bag):
-    """Return how often the controller reported each fallback level, and why it fell back.
-
-    Counted apart are the answers to the state that ended the run, which is no tick.
-    """
-    if not read.has_messages(bag, WHY):
-        return {'rungs': None, 'fallbacks': None, 'reports': None}
-    whys = controller_reports(bag)
-    reports = [why.values for why in whys]
-    fell_back = [report for report in reports if report.get('rung') not in FRESH_PLAN]
-    last_ns = None
-    if read.has_messages(bag, STATE):
-        last_ns = int(recording_stamps_ns(read.recording(bag, STATE)).max())
-    on_last = [why.values.get('reason') for why in whys if why.stamp_ns == last_ns]
-    on_last = sum(reason != STATE_STALE for reason in on_last)
-    return {
-        'rungs': dict(Counter(str(report.get('rung')) for report in reports)),
-        'fallbacks': dict(Counter(str(report.get('reason')) for report in fell_back)),
-        'reports': {'count': len(reports), 'on_last_state': on_last},
     }

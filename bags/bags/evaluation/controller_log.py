@@ -10,7 +10,7 @@ from bags.storage.columns import Columns
 from msgs_yaml.types import Prediction, Why
 
 PREDICTION, WHY = '/controller/prediction', '/controller/why'
-REPORTED = ('friction.front', 'friction.rear', 'time.solve_ms', 'split.front')
+REPORTED = ('friction.front', 'friction.rear', 'time.solve_ms')
 CHOSEN = 'candidates.chosen'
 STATE_STALE = 'state_stale'  # the reason of a command that answers no state
 

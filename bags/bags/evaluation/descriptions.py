@@ -1,7 +1,7 @@
 """What was driven and by whom, in words: from the recorded scenario and controller files."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any
 
 import yaml
 
@@ -10,23 +10,23 @@ CONTROLLER_TEXT = 'controller_description'  # the comment at the top of the para
 UNKNOWN = 'the recording holds no description'
 
 
-class Descriptions(NamedTuple):
-    """What the report says of scenario and controllers."""
+def describe_runs(names: Sequence[str], infos: Sequence[Mapping[str, str]]) -> dict[str, Any]:
+    """Return what the report says of runs by their names; `infos` are their metadata records `run`.
 
-    scenario: str
-    scenario_file: str  # '' where the recording does not hold it
-    controllers: Mapping[str, str]  # by run
-
-
-def describe_runs(names: Sequence[str], infos: Sequence[Mapping[str, str]]) -> Descriptions:
-    """Return the descriptions of runs by their names; `infos` are their metadata records `run`."""
+    They are the texts `scenario` and `scenario_file`, '' where the recording does not hold it, and
+    `controllers` by run.
+    """
     text = infos[0].get(SCENARIO_TEXT, '')
     controllers = {name: info.get(CONTROLLER_TEXT) or UNKNOWN for name, info in zip(names, infos)}
     try:
         described = yaml.safe_load(text)['description']
     except (yaml.YAMLError, TypeError, KeyError):
         described = None
-    return Descriptions(str(described or UNKNOWN), text, controllers)
+    return {
+        'scenario': str(described or UNKNOWN),
+        'scenario_file': text,
+        'controllers': controllers,
+    }
 
 
 def leading_comment(text: str) -> str:

@@ -142,41 +142,30 @@ def drive_from_columns(
     Without /vehicle/imu there are no accelerations, without /vehicle/actuators no inputs. Raises
     BagError in lockstep when two controllers answered, and for missing parameters.
     """
+    command, why = (columns.get(topic) for topic in CONTROLLER_TOPICS)
     if run_info.get('mode') == LOCKSTEP:
-        _refuse_second_controller(columns, name)
+        # only a second controller, or a second plant, gives two messages of one stamp
+        for topic in {'/vehicle/odometry', CONTROLLER_TOPICS[0]} & columns.keys():
+            stamps, counts = np.unique(columns[topic].stamp_ns, return_counts=True)
+            if np.any(counts > 1):
+                stamp_s = stamps[np.argmax(counts)] / NS_PER_S
+                raise BagError(
+                    f'{name}: {topic} has two different messages of one stamp ({stamp_s:.3f} s): '
+                    'two controllers or plants shared a ROS domain, so the run cannot be evaluated'
+                )
     reference, edges, obstacles, state = (columns[topic] for topic in REQUIRED_TOPICS)
     actuators, imu = (columns.get(topic) for topic in MEASURED_TOPICS)
-    return Drive(
-        Motion(state.stamp_ns, state.x_m, state.y_m, state.yaw_rad, state.vx_mps, state.vy_mps),
-        Accelerations(imu.stamp_ns, imu.ax_mps2, imu.ay_mps2) if imu else NO_ACCELERATIONS,
-        Inputs(actuators.stamp_ns, actuators.steer_rad, actuators.front_x_n + actuators.rear_x_n)
-        if actuators
-        else NO_INPUTS,
-        _ticks(*(columns.get(topic) for topic in CONTROLLER_TOPICS)),
-        _scene(reference.values[-1], edges.values[-1], obstacles),
-        facts_from_run_info(run_info, name),
-    )
-
-
-def _refuse_second_controller(columns, name):
-    """Refuse two answers to one state: in lockstep only a second controller gives them."""
-    for topic in {'/vehicle/odometry', CONTROLLER_TOPICS[0]} & columns.keys():
-        stamps, counts = np.unique(columns[topic].stamp_ns, return_counts=True)
-        if np.any(counts > 1):
-            stamp_s = stamps[np.argmax(counts)] / NS_PER_S
-            raise BagError(
-                f'{name}: {topic} has two different messages of one stamp ({stamp_s:.3f} s): '
-                'two controllers or plants shared a ROS domain, so the run cannot be evaluated'
-            )
-
-
-def _ticks(command, why):
-    reports = [value.values for value in why.values] if why else []
-    answered = EMPTY_NS
+    accelerations, inputs, answered = NO_ACCELERATIONS, NO_INPUTS, EMPTY_NS
+    if imu:
+        accelerations = Accelerations(imu.stamp_ns, imu.ax_mps2, imu.ay_mps2)
+    if actuators:
+        force = actuators.front_x_n + actuators.rear_x_n
+        inputs = Inputs(actuators.stamp_ns, actuators.steer_rad, force)
     if command:
         answered = command.stamp_ns[is_answer(command.stamp_ns, why.values if why else ())]
+    reports = [value.values for value in why.values] if why else []
     rungs = [report.get('rung') for report in reports]
-    return Ticks(
+    ticks = Ticks(
         answered,
         report_numbers(reports, 'time.solve_ms'),
         report_numbers(reports, 'time.solve_cpu_ms'),
@@ -185,6 +174,14 @@ def _ticks(command, why):
         why.stamp_ns if why else EMPTY_NS,
         np.array([rung == CONVERGED_PLAN for rung in rungs], dtype=bool),
     )
+    return Drive(
+        Motion(state.stamp_ns, state.x_m, state.y_m, state.yaw_rad, state.vx_mps, state.vy_mps),
+        accelerations,
+        inputs,
+        ticks,
+        _scene(reference.values[-1], edges.values[-1], obstacles),
+        facts_from_run_info(run_info, name),
+    )
 
 
 def _scene(reference, edges, obstacles):
@@ -192,13 +189,19 @@ def _scene(reference, edges, obstacles):
     duration = reference.t[-1] - reference.t[0]
     length = np.hypot(np.diff(reference.X), np.diff(reference.Y)).sum()
     has_times = math.isfinite(duration) and duration > 0.0
-    ids = sorted({item.id for message in obstacles.values for item in message.items})
+    # x, y, vx, vy of each obstacle, a row per message; and its last radius
+    rows: dict[int, np.ndarray] = {}
+    radii: dict[int, float] = {}
+    for k, message in enumerate(obstacles.values):
+        for item in message.items:
+            row = rows.setdefault(item.id, np.full((len(obstacles.values), 4), np.nan))
+            row[k], radii[item.id] = (item.X, item.Y, item.vX, item.vY), item.r_obs
     return Scene(
         _polyline('/scenario/reference', np.column_stack([reference.X, reference.Y])),
         _polyline('/scenario/road_edges', edges.left),
         _polyline('/scenario/road_edges', edges.right),
         np.maximum.accumulate(obstacles.stamp_ns),  # an array without markers has no stamp
-        tuple(_obstacle(number, obstacles.values) for number in ids),
+        tuple(Obstacle(number, *rows[number].T, radii[number]) for number in sorted(rows)),
         float(length / duration) if has_times else None,
     )
 
@@ -211,19 +214,15 @@ def _polyline(topic, points):
     return points[moves]
 
 
-def _obstacle(number, messages):
-    rows = np.full((len(messages), 4), np.nan)
-    radius = 0.0
-    for row, message in zip(rows, messages):
-        for obstacle in message.items:
-            if obstacle.id == number:
-                row[:] = obstacle.X, obstacle.Y, obstacle.vX, obstacle.vY
-                radius = obstacle.r_obs
-    return Obstacle(number, *rows.T, radius)
-
-
 def facts_from_run_info(run_info: Mapping[str, str], name: str) -> Facts:
     """Return the parameters for the evaluation; BagError names the first that is missing."""
+    text = run_info.get(LATERAL_LIMIT)
+    try:
+        limit = None if text is None else float(text)
+    except ValueError:
+        limit = math.nan
+    if limit is not None and not 0 < limit < math.inf:
+        raise BagError(f'{name}: {LATERAL_LIMIT} is {text!r}; allowed are numbers above 0')
     try:
         parameters = json.loads(run_info['parameters'])
         controller, plant = parameters['controller'], parameters['plant']
@@ -244,7 +243,7 @@ def facts_from_run_info(run_info: Mapping[str, str], name: str) -> Facts:
             armed_after=plant['stop.armed_after_m'],
             least_speed=controller.get('limits.least_speed_mps'),
             wheels=_wheels(plant),
-            lateral_limit=_lateral_limit(name, run_info),
+            lateral_limit=limit,
         )
     except KeyError as missing:
         raise BagError(
@@ -263,19 +262,6 @@ def tick_period_ns(run_info: Mapping[str, str]) -> int:
         rates_hz = contract.load().topics[CONTROLLER_TOPICS[0]].rate_hz
         step_s = 1.0 / rates_hz[run_info.get('mode', LOCKSTEP)]
     return round(step_s * NS_PER_S)
-
-
-def _lateral_limit(name, run_info):
-    text = run_info.get(LATERAL_LIMIT)
-    if text is None:
-        return None
-    try:
-        limit = float(text)
-    except ValueError:
-        limit = math.nan
-    if not 0 < limit < math.inf:
-        raise BagError(f'{name}: {LATERAL_LIMIT} is {text!r}; allowed are numbers above 0')
-    return limit
 
 
 def _wheels(plant):

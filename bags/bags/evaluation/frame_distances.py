@@ -36,6 +36,11 @@ class Circle(NamedTuple):
         """How far inside the path an obstacle on either side of it is [m]."""
         return {'inside': abs(self.inside), 'outside': -abs(self.inside)}
 
+    @property
+    def own_side(self) -> str:
+        """The side of the obstacle."""
+        return 'inside' if self.inside > 0 else 'outside'
+
 
 class Distances(NamedTuple):
     """D_V2O [m] of the same situations, measured in two ways."""
@@ -54,8 +59,7 @@ class DrivenDistances(NamedTuple):
 
     station: np.ndarray  # m along the path
     inside: np.ndarray  # m from the path towards its centre
-    distances: Distances  # to the obstacle at its position
-    beyond: Distances  # to a virtual obstacle, mirrored at the path
+    distances: dict[str, Distances]  # by side: to the obstacle, and to one mirrored at the path
 
 
 def circle_distances(radius, gap, inside, reach, vehicle=0.0) -> Distances:
@@ -77,24 +81,20 @@ def find_circle(drive) -> Circle:
     path, obstacles = drive.scene.reference, drive.scene.obstacles
     if len(obstacles) != 1:
         raise BagError(f'one obstacle is needed to compare distances; there are {len(obstacles)}')
-    centre, radius, turn = _fitted(path)
-    seen = Circle(centre, radius, turn, 0.0, 0.0, obstacles[0].radius + drive.facts.vehicle_radius)
-    station, inside = _coordinates(_position_at_rest(obstacles[0])[None, :], path, seen)
-    return seen._replace(station=float(station[0]), inside=float(inside[0]))
-
-
-def _fitted(path):
-    """Return centre, radius and turn (left 1) of the circle through the corners of a polyline."""
+    # the circles through every three neighbouring points
     a, b, c = path[:-2], path[1:-1], path[2:]
-    into, chord = (b - a).T, (c - a).T
-    out = (c - b).T
+    into, out, chord = (b - a).T, (c - b).T, (c - a).T
     twice_area = into[0] * out[1] - into[1] * out[0]
     curvature = 2 * twice_area / (np.hypot(*into) * np.hypot(*out) * np.hypot(*chord))
     mean = float(np.mean(curvature))
     if mean == 0 or np.ptp(curvature) > ROUNDNESS * abs(mean):
         raise BagError('the coarse path is no circle; distances compare on circle_20m')
     normal = np.array([-chord[1], chord[0]]) / np.hypot(*chord)
-    return np.mean(b.T + normal / mean, axis=1), 1 / abs(mean), float(np.sign(mean))
+    centre, turn = np.mean(b.T + normal / mean, axis=1), float(np.sign(mean))
+    reach = obstacles[0].radius + drive.facts.vehicle_radius
+    seen = Circle(centre, 1 / abs(mean), turn, 0.0, 0.0, reach)
+    station, inside = _coordinates(_position_at_rest(obstacles[0])[None, :], path, seen)
+    return seen._replace(station=float(station[0]), inside=float(inside[0]))
 
 
 def _coordinates(points, path, circle):
@@ -123,22 +123,38 @@ def driven_distances(drive, circle: Circle) -> DrivenDistances:
     (points,) = circle_centres(motion, drive.facts.circles[:1])
     station, inside = _coordinates(points, path, circle)
     place = _position_at_rest(drive.scene.obstacles[0])
-    # the same station, mirrored at the path
     outwards = (place - circle.centre) / np.hypot(*(place - circle.centre))
-    mirrored = place + 2 * circle.inside * outwards
-    gap = station - circle.station
-    distances = [
-        Distances(
+    gap, distances = station - circle.station, {}
+    for side, offset in circle.sides.items():
+        # at the same station
+        spot = place + (circle.inside - offset) * outwards
+        distances[side] = Distances(
             np.hypot(gap, inside - offset) - circle.reach,
             np.hypot(*(points - spot).T) - circle.reach,
         )
-        for spot, offset in ((place, circle.inside), (mirrored, -circle.inside))
-    ]
-    return DrivenDistances(station, inside, *distances)
+    return DrivenDistances(station, inside, distances)
 
 
 def distance_numbers(drive: Drive, circle: Circle, driven: DrivenDistances) -> dict[str, Any]:
-    """Return all numbers of the figure, in metres: the contents of distances.json."""
+    """Return all numbers of the figure, in metres: the contents of distances.json.
+
+    Those of the recorded poses hold where the drive came that close.
+    """
+
+    def closed(radius):
+        forms = {
+            side: circle_distances(radius, np.array(GAPS_M), inside, circle.reach)
+            for side, inside in circle.sides.items()
+        }
+        return {side: distances.overestimation.tolist() for side, distances in forms.items()}
+
+    own, gap = driven.distances[circle.own_side], driven.station - circle.station
+    coming, table, deviation = gap <= 0.0, {}, 0.0
+    for side, distances in driven.distances.items():
+        curve = distances.overestimation[coming][::-1]
+        table[side] = np.interp(GAPS_M, -gap[coming][::-1], curve).tolist()
+        form = circle_distances(circle.radius, gap, circle.sides[side], circle.reach, driven.inside)
+        deviation = max(deviation, float(np.abs(np.subtract(distances, form)).max()))
     return {
         'scenario': drive.facts.scenario,
         'controller': drive.facts.controller,
@@ -147,26 +163,21 @@ def distance_numbers(drive: Drive, circle: Circle, driven: DrivenDistances) -> d
         'obstacle_inside_m': circle.inside,
         'radii_together_m': circle.reach,
         'gaps_m': list(GAPS_M),
-        'overestimation_m': {
-            side: _overestimation(circle, circle.radius, inside)
-            for side, inside in circle.sides.items()
-        },
+        'overestimation_m': closed(circle.radius),
         'outside_turns_at_m': turning_gap(circle.radius, circle.sides['outside']),
         'over_curvature': [
-            {'curvature_1pm': 1 / radius}
-            | {
-                side: _overestimation(circle, radius, inside)
-                for side, inside in circle.sides.items()
-            }
+            {'curvature_1pm': 1 / radius, **closed(radius)}
             for radius in (factor * circle.radius for factor in WIDER)
         ],
-        'recorded': _drive_numbers(circle, driven),
+        'recorded': {
+            'min_v2o_m': float(own.cartesian.min()),
+            'min_v2o_frenet_m': float(own.frenet.min()),
+            'collided': bool(own.cartesian.min() < 0),
+            'largest_offset_from_path_m': float(np.abs(driven.inside).max()),
+            'largest_deviation_from_closed_form_m': deviation,
+            'overestimation_m': table,
+        },
     }
-
-
-def _overestimation(circle, radius, inside):
-    distances = circle_distances(radius, np.array(GAPS_M), inside, circle.reach)
-    return distances.overestimation.tolist()
 
 
 def turning_gap(radius: float, inside: float) -> float:
@@ -185,35 +196,3 @@ def turning_gap(radius: float, inside: float) -> float:
         middle = (low + high) / 2
         low, high = (low, middle) if over(middle) > 0 else (middle, high)
     return float(high)
-
-
-def _drive_numbers(circle, driven):
-    """Return the least distances, and the same table where the drive came that close."""
-    coming = driven.station <= circle.station
-    gaps = circle.station - driven.station[coming]
-
-    def at(distances):
-        return np.interp(GAPS_M, gaps[::-1], distances.overestimation[coming][::-1]).tolist()
-
-    return {
-        'min_v2o_m': float(driven.distances.cartesian.min()),
-        'min_v2o_frenet_m': float(driven.distances.frenet.min()),
-        'collided': bool(driven.distances.cartesian.min() < 0),
-        'largest_offset_from_path_m': float(np.abs(driven.inside).max()),
-        'largest_deviation_from_closed_form_m': _deviation(circle, driven),
-        'overestimation_m': {
-            'inside' if circle.inside > 0 else 'outside': at(driven.distances),
-            'outside' if circle.inside > 0 else 'inside': at(driven.beyond),
-        },
-    }
-
-
-def _deviation(circle, driven):
-    """Return how far the distances at the driven poses are from the closed form for them [m]."""
-    gap = driven.station - circle.station
-    worst = 0.0
-    for own, inside in ((driven.distances, circle.inside), (driven.beyond, -circle.inside)):
-        closed = circle_distances(circle.radius, gap, inside, circle.reach, driven.inside)
-        apart = np.abs(np.subtract(own, closed))
-        worst = max(worst, float(apart.max()))
-    return worst

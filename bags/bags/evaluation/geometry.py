@@ -30,6 +30,12 @@ class Outline(NamedTuple):
     rear: float  # m, centre of gravity to the rear bumper, positive
     width: float  # m
 
+    @property
+    def corners(self):
+        """The four corners (4, 2) [m], front left first, clockwise."""
+        front, rear, half = self.front, -self.rear, self.width / 2
+        return np.array([[front, half], [front, -half], [rear, -half], [rear, half]])
+
 
 def arc_length(points):
     """Return the distance (n,) [m] of each vertex of `points` (n, 2) from the first one."""
@@ -45,11 +51,22 @@ def distance_to_polyline(points, polyline):
     points, polyline = np.asarray(points, dtype=float), np.asarray(polyline, dtype=float)
     if not len(points):
         return np.empty(0)
-    segments = _segments(_merge_straight(polyline))
-    blocks = np.split(points, range(BLOCK, len(points), BLOCK))
-    return np.concatenate(
-        [_distance(block, segments.rows(_near(block, segments))) for block in blocks]
-    )
+    # without the vertices on the line from their neighbour to the next
+    steps = np.diff(polyline, axis=0)
+    (dx, dy), (next_dx, next_dy) = steps[:-1].T, steps[1:].T
+    limit = STRAIGHT * np.hypot(dx + next_dx, dy + next_dy)
+    is_straight = np.abs(dx * next_dy - dy * next_dx) <= limit
+    is_bend = ~(is_straight & (dx * next_dx + dy * next_dy > 0.0))
+    segments = _segments(polyline[np.concatenate([[True], is_bend, [True]])])
+    distances = []
+    for block in np.split(points, range(BLOCK, len(points), BLOCK)):
+        _, offset, square = segments.rows(_near(block, segments)).see(block)
+        best = np.sqrt(square.min(axis=0))
+        # at a shared vertex the segment that sees the point more squarely decides about the side
+        squarely = np.where(square <= (best + TIE) ** 2, np.abs(offset), -1.0)
+        side = offset[np.argmax(squarely, axis=0), np.arange(len(block))]
+        distances.append(np.where(side >= 0.0, best, -best))
+    return np.concatenate(distances)
 
 
 def offset_from_line(points, polyline):
@@ -107,16 +124,6 @@ def _segments(polyline):
     return _Segments(*(column[:, None] for column in columns))
 
 
-def _merge_straight(polyline):
-    """Return a polyline without the vertices on the line from their neighbour to the next."""
-    steps = np.diff(polyline, axis=0)
-    (dx, dy), (next_dx, next_dy) = steps[:-1].T, steps[1:].T
-    limit = STRAIGHT * np.hypot(dx + next_dx, dy + next_dy)
-    is_straight = np.abs(dx * next_dy - dy * next_dx) <= limit
-    is_bend = ~(is_straight & (dx * next_dx + dy * next_dy > 0.0))
-    return polyline[np.concatenate([[True], is_bend, [True]])]
-
-
 def _near(points, segments):
     """Return the indices, in their order, of all segments that may be nearest to one of `points`.
 
@@ -128,16 +135,6 @@ def _near(points, segments):
     gap = segments.gaps(middle)
     # NaN, and only that, leaves all of them
     return np.flatnonzero(~(gap > gap.min() + 2.0 * radius + NEAR))
-
-
-def _distance(points, segments):
-    """Return `distance_to_polyline` to these segments only."""
-    _, offset, square = segments.see(points)
-    best = np.sqrt(square.min(axis=0))
-    # at a shared vertex the segment that sees the point more squarely decides about the side
-    squarely = np.where(square <= (best + TIE) ** 2, np.abs(offset), -1.0)
-    side = offset[np.argmax(squarely, axis=0), np.arange(len(points))]
-    return np.where(side >= 0.0, best, -best)
 
 
 def offset_polyline(line, offset):
@@ -158,8 +155,12 @@ def project_drive(points, polyline, ahead):
     vertex = arc_length(polyline)
     moved = np.hypot(*np.diff(points, axis=0, prepend=points[:1]).T)
     segments = _segments(polyline)
-    start = _first_pass(segments.gaps(points[0]))
-    parts = [_feet(points[:1], segments, vertex, *start)]
+    gaps = segments.gaps(points[0])
+    near = gaps <= gaps.min() + LAP_TOLERANCE
+    # the first of equally near laps: up to the first segment behind it that is not near
+    first = int(np.argmax(near))
+    last = first + int(np.argmin([*near[first:], False]))
+    parts = [_feet(points[:1], segments, vertex, first, last)]
     done, size = 1, BLOCK
     while done < len(points):
         # many points at once, on all segments that any of them may need; kept while the result is
@@ -177,14 +178,6 @@ def project_drive(points, polyline, ahead):
             parts.append(Projection(*(column[:kept] for column in feet)))
         done, size = done + kept, min(BLOCK, max(1, 2 * kept))
     return Projection(*map(np.concatenate, zip(*parts)))
-
-
-def _first_pass(gaps):
-    """Return the first segment, and the one behind the last, of the first of equally near laps."""
-    near = gaps <= gaps.min() + LAP_TOLERANCE
-    first = int(np.argmax(near))
-    length = int(np.argmin(near[first:]))  # 0: all that follow are near
-    return first, first + length if length else len(gaps)
 
 
 def _within(vertex, foot, reach):
@@ -234,16 +227,11 @@ def outline_points(outline, spacing):
 
 
 def transform_to_map(points, x, y, yaw):
-    """Return points (n, 2) of the vehicle frame in the map, (m, n, 2) [m], for m poses."""
-    cos, sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
-    forward, leftward = points.T
-    X = x[:, None] + cos * forward - sin * leftward
-    return np.stack([X, y[:, None] + sin * forward + cos * leftward], axis=-1)
+    """Return points (n, 2) of the vehicle frame in the map: (n, 2) [m] of one pose, (m, n, 2) of m.
 
-
-def outline_corners(x, y, yaw, outline):
-    """Return the four corners (4, 2) [m, map] of one vehicle, front left first, clockwise."""
-    front, rear, half = outline.front, -outline.rear, outline.width / 2
-    body = np.array([[front, half], [front, -half], [rear, -half], [rear, half]])
-    turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
-    return body @ turn + [x, y]
+    A single point (2,) of a single pose gives (2,).
+    """
+    x, y, cos, sin = (np.asarray(value)[..., None] for value in (x, y, np.cos(yaw), np.sin(yaw)))
+    forward, leftward = np.atleast_2d(points).T
+    X, Y = x + cos * forward - sin * leftward, y + sin * forward + cos * leftward
+    return np.stack([X, Y], axis=-1).reshape(*X.shape[: X.ndim - 1], *np.shape(points))

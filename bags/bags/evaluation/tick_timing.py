@@ -28,13 +28,6 @@ MS_PER_S = 1e3
 QUANTILES = {'p50': 50.0, 'p90': 90.0, 'p99': 99.0, 'p99.9': 99.9, 'max': 100.0}
 
 
-class Latency(NamedTuple):
-    """One row per command that answers a recorded state, n of them."""
-
-    stamp_ns: np.ndarray  # (n,) int64, of the state and of the command
-    latency_s: np.ndarray  # (n,) from sending the state to sending the command
-
-
 class TickParts(NamedTuple):
     """One row per command that answers a recorded state; (n,) ms."""
 
@@ -47,43 +40,30 @@ class TickParts(NamedTuple):
     rest: np.ndarray  # remainder of the total: delay compensation, gate, records
 
 
-class TickCounts(NamedTuple):
-    """Controller periods between the first command and the last state."""
+def command_latency(bag: read.Bag) -> tuple[np.ndarray, np.ndarray]:
+    """Return stamps (n,) int64 [ns] and latency (n,) [s] of every answer to a recorded state.
 
-    count: int
-    unanswered: int  # no state of the period was answered
-    late: int  # answered later than a period after its state; simulated time waits for it
-    blind: int  # commands without a state
-
-    @property
-    def missed(self) -> int:
-        """Ticks without an answer in time."""
-        return self.unanswered + self.late
-
-
-def command_latency(bag: read.Bag) -> Latency:
-    """Join every answer with the state of equal stamp; BagError when either topic is empty.
-
-    A state that was sent again counts from the last time it was sent before the command.
+    The latency lasts from sending the state to sending the command; a state that was sent again
+    counts from the last time it was sent before. Raises BagError when either topic is empty.
     """
     states, commands = read.recording(bag, STATE), read.recording(bag, COMMAND)
     sent_ns = {}
-    for stamp, publish in zip(recording_stamps_ns(states).tolist(), states.publish_ns.tolist()):
+    for stamp, publish in zip(stamps_ns(bag, STATE).tolist(), states.publish_ns.tolist()):
         sent_ns.setdefault(stamp, []).append(publish)
     rows = []
-    command_ns = recording_stamps_ns(commands)
+    command_ns = stamps_ns(bag, COMMAND)
     answers = is_answer(command_ns, controller_reports(bag))
     for stamp, publish in zip(command_ns[answers].tolist(), commands.publish_ns[answers].tolist()):
         before = [sent for sent in sent_ns.get(stamp, ()) if sent <= publish]
         if before:
             rows.append((stamp, publish - max(before)))
     joined = np.array(rows, dtype=np.int64).reshape(-1, 2)
-    return Latency(joined[:, 0], joined[:, 1] / NS_PER_S)
+    return joined[:, 0], joined[:, 1] / NS_PER_S
 
 
-def recording_stamps_ns(recorded: read.Recording) -> np.ndarray:
-    """Return the header stamps (n,) int64 of a topic; BagError for a message without one."""
-    return header_stamps_ns(recorded.topic.name, recorded.payloads)
+def stamps_ns(bag: read.Bag, topic: str) -> np.ndarray:
+    """Return the header stamps (n,) int64 of a topic; BagError without messages or a header."""
+    return header_stamps_ns(topic, read.recording(bag, topic).payloads)
 
 
 def run_mode(bag: read.Bag) -> str:
@@ -98,9 +78,7 @@ def controller_reports(bag: read.Bag) -> list[Why]:
 
 def tick_parts(bag: read.Bag) -> TickParts:
     """Return the parts of every tick that was solved. Raises BagError when a topic is empty."""
-    latency = command_latency(bag)
-    states = read.recording(bag, STATE)
-    sent_ns = dict(zip(recording_stamps_ns(states).tolist(), states.publish_ns.tolist()))
+    sent_ns = dict(zip(stamps_ns(bag, STATE), read.recording(bag, STATE).publish_ns))
     whys = controller_reports(bag)
     reports = {why.stamp_ns: why.values for why in whys}
     # the time to send a command is in the report of the next tick
@@ -109,37 +87,37 @@ def tick_parts(bag: read.Bag) -> TickParts:
         for this, after in itertools.pairwise(whys)
     }
     rows = []
-    for stamp, latency_s in zip(latency.stamp_ns.tolist(), latency.latency_s.tolist()):
+    for stamp, latency_s in zip(*command_latency(bag)):
         report, publish = reports.get(stamp, {}), publish_ms.get(stamp, np.nan)
         total = latency_s * MS_PER_S
         known = (
             (report_number(report, 'time.heard_ns') - sent_ns[stamp]) / NS_PER_MS,
             *(report_number(report, f'time.{part}_ms') for part in ('wait', 'prepare', 'solve')),
         )
-        if not np.all(np.isfinite([*known, publish])):
-            continue
-        remaining = total - sum(known)
-        # the call returns a while after the command has left
-        publish = min(publish, remaining)
-        rows.append((total, *known, publish, remaining - publish))
+        if np.all(np.isfinite([*known, publish])):
+            remaining = total - sum(known)
+            # the call returns a while after the command has left
+            publish = min(publish, remaining)
+            rows.append((total, *known, publish, remaining - publish))
     return TickParts(*np.array(rows).reshape(-1, len(TickParts._fields)).T)
 
 
-def count_ticks(bag: read.Bag) -> TickCounts:
-    """Count the ticks by the stamps in the bag.
+def count_ticks(bag: read.Bag) -> dict[str, int]:
+    """Count the controller periods between the first command and the last state, by their stamps.
 
-    Raises BagError when there are no states or no commands.
+    `unanswered` are those of which no state was answered, `late` those that were answered more than
+    a period after their state (simulated time waits for it), `missed` both, `blind` the commands
+    without a state. Raises BagError when there are no states or no commands.
     """
-    mode = run_mode(bag)
-    period_ns = tick_period_ns(bag.run_info)
-    states = recording_stamps_ns(read.recording(bag, STATE))
-    commands = recording_stamps_ns(read.recording(bag, COMMAND))
+    period_ns, commands = tick_period_ns(bag.run_info), stamps_ns(bag, COMMAND)
     answers = is_answer(commands, controller_reports(bag))
-    count, answered = count_periods(states, commands[answers], period_ns)
+    count, answered = count_periods(stamps_ns(bag, STATE), commands[answers], period_ns)
     late = 0
-    if mode != LOCKSTEP:
-        late = int(np.count_nonzero(command_latency(bag).latency_s * NS_PER_S > period_ns))
-    return TickCounts(count, count - answered, late, int(np.count_nonzero(~answers)))
+    if run_mode(bag) != LOCKSTEP:
+        late = int(np.count_nonzero(command_latency(bag)[1] * NS_PER_S > period_ns))
+    counts = {'count': count, 'unanswered': count - answered, 'late': late}
+    counts['blind'] = int(np.count_nonzero(~answers))
+    return counts | {'missed': counts['unanswered'] + late}
 
 
 def timing_report(bag: read.Bag) -> dict[str, Any]:
@@ -149,16 +127,13 @@ def timing_report(bag: read.Bag) -> dict[str, Any]:
     time: the plant's lateness is None. Raises BagError when a topic is empty.
     """
     bag = drop_invalid(bag)
-    mode = run_mode(bag)
-    counts = count_ticks(bag)
-    sent_ns = np.unique(read.recording(bag, COMMAND).publish_ns)
-    states = read.recording(bag, STATE)
-    lateness = (states.publish_ns - recording_stamps_ns(states)) / NS_PER_MS
-    intervals = np.diff(sent_ns) / NS_PER_MS
+    mode, ticks = run_mode(bag), count_ticks(bag)
+    lateness = (read.recording(bag, STATE).publish_ns - stamps_ns(bag, STATE)) / NS_PER_MS
+    intervals = np.diff(np.unique(read.recording(bag, COMMAND).publish_ns)) / NS_PER_MS
     mean = float(intervals.mean()) if intervals.size else None
     return {
         'mode': mode,
-        'ticks': {**counts._asdict(), 'missed': counts.missed},
+        'ticks': ticks,
         'parts_ms': {name: quantiles(part) for name, part in tick_parts(bag)._asdict().items()},
         'interval_ms': {**quantiles(intervals), 'mean': mean},
         'state_sent_after_its_stamp_ms': None if mode == LOCKSTEP else quantiles(lateness),
@@ -169,13 +144,13 @@ def timing_report(bag: read.Bag) -> dict[str, Any]:
 def describe_ticks(counts: Mapping[str, int]) -> str:
     """Return counted ticks, as in the report, as one line for a person."""
     return (
-        f'{counts["count"]} ticks, {counts["missed"]} missed: {counts["unanswered"]} unanswered, '
-        f'{counts["late"]} late; {counts["blind"]} commands without a state'
-    )
+        '{count} ticks, {missed} missed: {unanswered} unanswered, {late} late; '
+        '{blind} commands without a state'
+    ).format(**counts)
 
 
 def quantiles(values: np.ndarray) -> dict[str, float]:
     """Return the QUANTILES by name; none of no values."""
     if not values.size:
         return {}
-    return {name: float(np.percentile(values, q)) for name, q in QUANTILES.items()}
+    return dict(zip(QUANTILES, np.percentile(values, [*QUANTILES.values()]).tolist()))

@@ -58,13 +58,20 @@ def draw_trajectories(ax, runs: Sequence[EvaluatedDrive]) -> None:
             box.set_linewidth(CAR_WIDTH * run.look.width)
             ax.add_patch(box)
     moving = [o for o in scene.obstacles if np.nanmax(np.hypot(o.vx, o.vy)) > STILL_MPS]
+    timed, facts = _shown(first)[::TIME_EVERY], first.drive.facts
     for obstacle in scene.obstacles:
-        if obstacle in moving:
-            _moving_obstacle(ax, obstacle, first)
+        if obstacle not in moving:
+            for k in np.flatnonzero(np.isfinite(obstacle.x))[:1]:
+                _discs(ax, (obstacle.x[k], obstacle.y[k]), obstacle.radius, facts, 1.0)
             continue
-        for k in np.flatnonzero(np.isfinite(obstacle.x))[:1]:
-            _discs(ax, (obstacle.x[k], obstacle.y[k]), obstacle.radius, first.drive.facts, 1.0)
-    for k in _shown(first)[::TIME_EVERY] if moving else ():
+        # its way, and itself at the labelled times of the car
+        places = obstacle_position(obstacle, scene, first.stamp_ns[np.array(timed)])
+        for k, x, y in zip(timed, *places):
+            if np.isfinite([x, y]).all():
+                _discs(ax, (x, y), obstacle.radius, facts, 0.4)
+                _time_label(ax, (x, y - obstacle.radius), first.series.t[k], style.INK, 'top')
+        ax.plot(obstacle.x, obstacle.y, color=style.EDGE, lw=0.8, zorder=2)
+    for k in timed if moving else ():
         place = first.drive.motion.x[k], _box(first, k)[:, 1].max()
         _time_label(ax, place, first.series.t[k], first.look.colour, 'bottom')
     low, high = road_limits(runs)
@@ -94,11 +101,8 @@ def road_limits(runs):
         near.append(np.column_stack([np.interp(reach, vertex, axis) for axis in edge.T]))
     for obstacle in scene.obstacles:  # wherever it is beside the cars
         centres, reach = np.column_stack([obstacle.x, obstacle.y]), BESIDE_M + obstacle.radius
-        is_above, is_below = (
-            centres > drives.min(axis=0) - reach,
-            centres < drives.max(axis=0) + reach,
-        )
-        centres = centres[(is_above & is_below).all(axis=1)]
+        lowest, highest = drives.min(axis=0) - reach, drives.max(axis=0) + reach
+        centres = centres[((centres > lowest) & (centres < highest)).all(axis=1)]
         near += [centres - obstacle.radius, centres + obstacle.radius]
     points = np.concatenate(near)
     return points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
@@ -130,27 +134,9 @@ def _box(run, k):
 
 def _time_label(ax, place, t, colour, side):
     look = {'fontsize': 7.0, 'color': colour, 'ha': 'center', 'va': side, 'gid': style.TIME_LABEL}
-    ax.annotate(
-        f'{t:.1f} s',
-        place,
-        (0, LABEL_ASIDE if side == 'bottom' else -LABEL_ASIDE),
-        textcoords='offset points',
-        zorder=5,
-        annotation_clip=True,
-        **look,
-    )
-
-
-def _moving_obstacle(ax, obstacle, run):
-    """Draw the way of an obstacle, and itself at the labelled times of the car."""
-    timed = np.array(_shown(run)[::TIME_EVERY])
-    x, y = obstacle_position(obstacle, run.drive.scene, run.stamp_ns[timed])
-    for k, *centre in zip(timed, x, y):
-        if np.isfinite(centre).all():
-            _discs(ax, centre, obstacle.radius, run.drive.facts, 0.4)
-            place = centre[0], centre[1] - obstacle.radius
-            _time_label(ax, place, run.series.t[k], style.INK, 'top')
-    ax.plot(obstacle.x, obstacle.y, color=style.EDGE, lw=0.8, zorder=2)
+    look |= {'zorder': 5, 'annotation_clip': True, 'textcoords': 'offset points'}
+    aside = LABEL_ASIDE if side == 'bottom' else -LABEL_ASIDE
+    ax.annotate(f'{t:.1f} s', place, (0, aside), **look)
 
 
 def _discs(ax, centre, radius, facts, strength):
@@ -190,15 +176,26 @@ def draw_figure(
     name: str, runs: Sequence[EvaluatedDrive], title: str, overlays: Sequence[Overlay] = ()
 ) -> Figure:
     """Return a figure of ALL, with the overlays: the sheet under a title, or a panel."""
+    height = SHEET_WIDTH * road_aspect(runs)
     with mpl.rc_context(style.RC):
-        if name == SHEET:
-            return _sheet(runs, title, overlays)
-        size = PANEL_SIZE
-        if name == TRAJECTORIES:
-            size = (SHEET_WIDTH, min(max(SHEET_WIDTH * road_aspect(runs) + 1.2, 3.0), SHEET_WIDTH))
-        figure = Figure(figsize=size, layout='constrained')
-        shown = _draw(name, figure.add_subplot(), runs, overlays)
-        _legend(figure, runs, (name,), shown)
+        if name != SHEET:
+            size = PANEL_SIZE
+            if name == TRAJECTORIES:
+                size = SHEET_WIDTH, min(max(height + 1.2, 3.0), SHEET_WIDTH)
+            figure = Figure(figsize=size, layout='constrained')
+            shown = _draw(name, figure.add_subplot(), runs, overlays)
+            _legend(figure, runs, (name,), shown)
+            return figure
+        top = min(max(height + 0.5, 2.4), 8.0)
+        figure = style.new_sheet((SHEET_WIDTH, top + 8.6), title)
+        grid = figure.add_gridspec(1 + len(ROWS), 1, height_ratios=[top, *(3.3 for _ in ROWS)])
+        _draw(TRAJECTORIES, figure.add_subplot(grid[0]), runs, overlays)
+        for row, widths in enumerate(ROWS, start=1):
+            cells = grid[row].subgridspec(1, len(widths), width_ratios=list(widths.values()))
+            for cell, panel in zip(cells, widths):
+                _draw(panel, figure.add_subplot(cell), runs, overlays)
+        style.letter_panels(figure)
+        _legend(figure, runs, WITH_AREAS, overlays)
         return figure
 
 
@@ -223,7 +220,7 @@ def draw(runs: Mapping[str, EvaluatedDrive], name: str) -> Figure:
         figure = draw_figure(name, drawn, drawn[0].drive.facts.scenario)
         # ticks take their look from the style when they are first laid out
         figure.draw_without_rendering()
-        style.hide_overlapping(figure, style.TIME_LABEL)
+        style.hide_overlapping(figure)
 
     def as_png():
         stream = io.BytesIO()
@@ -235,26 +232,19 @@ def draw(runs: Mapping[str, EvaluatedDrive], name: str) -> Figure:
     return figure
 
 
-def _sheet(runs, title, overlays):
-    top = min(max(SHEET_WIDTH * road_aspect(runs) + 0.5, 2.4), 8.0)
-    figure = style.new_sheet((SHEET_WIDTH, top + 8.6), title)
-    grid = figure.add_gridspec(1 + len(ROWS), 1, height_ratios=[top, *(3.3 for _ in ROWS)])
-    _draw(TRAJECTORIES, figure.add_subplot(grid[0]), runs, overlays)
-    for row, widths in enumerate(ROWS, start=1):
-        cells = grid[row].subgridspec(1, len(widths), width_ratios=list(widths.values()))
-        for cell, name in zip(cells, widths):
-            _draw(name, figure.add_subplot(cell), runs, overlays)
-    style.letter_panels(figure)
-    _legend(figure, runs, WITH_AREAS, overlays)
-    return figure
-
-
 def _draw(name, ax, runs, overlays):
     """Draw a panel and what the overlays have for it; return those that have something."""
     PANELS[name](ax, runs)
     shown = []
     for laid in overlays:
-        curve = _overlay_curve(name, laid)
+        across, signal = laid.axes.get(overlay.STATION), SIGNALS.get(name, name)
+        if name == 'gg':
+            across, signal = laid.signals.get('lateral'), 'gg_x'
+        values = laid.signals.get(signal)
+        curve = laid.path()
+        if name != TRAJECTORIES:
+            is_known = across is not None and values is not None
+            curve = np.column_stack([across, values]) if is_known else None
         if curve is None or not np.isfinite(curve).all(axis=1).any():
             continue
         shown.append(laid)
@@ -265,17 +255,6 @@ def _draw(name, ax, runs, overlays):
             low, high = limits[1]
             ax.set_ylim(min(low, np.nanmin(curve[:, 1])), max(high, np.nanmax(curve[:, 1])))
     return shown
-
-
-def _overlay_curve(name, laid):
-    """Return the points (n, 2) of an overlay in a panel; None where it has none."""
-    if name == TRAJECTORIES:
-        return laid.path()
-    horizontal, signal = laid.along(overlay.STATION), SIGNALS.get(name, name)
-    if name == 'gg':
-        horizontal, signal = laid.signals.get('lateral'), 'gg_x'
-    values = laid.signals.get(signal)
-    return None if horizontal is None or values is None else np.column_stack([horizontal, values])
 
 
 def _legend(figure, runs, drawn, overlays):

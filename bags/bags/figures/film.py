@@ -6,7 +6,7 @@ plans, and the obstacles there: what the car reacts to is in the film.
 """
 
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -106,16 +106,35 @@ def write_film(runs: Sequence[EvaluatedDrive], out: Path, options: FilmOptions) 
     span without a frame.
     """
     check(out, options)
-    times = frame_times(runs, options)
+    times, frame_ms = frame_times(runs, options), _frame_ms(options)
     with mpl.rc_context(style.RC):
         figure, strips, clock = _sheet(runs, options.width_px)
-        if out.suffix.lower() == GIF:
-            _write_gif(out, figure, _shown(strips, clock, times), _frame_ms(options))
-        else:
-            writer = FFMpegWriter(fps=1e3 / _frame_ms(options))
+
+        def frames():
+            for t in times.tolist():
+                for strip in strips:
+                    strip.show(t)
+                clock.set_text(f'{t:.1f} s')
+                yield
+
+        if out.suffix.lower() == MP4:
+            writer = FFMpegWriter(fps=1e3 / frame_ms)
             with writer.saving(figure, str(out), DPI):
-                for _ in _shown(strips, clock, times):
+                for _ in frames():
                     writer.grab_frame()
+            return len(times)
+        pictures = []
+        for _ in frames():
+            figure.canvas.draw()
+            pictures.append(Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3]))
+    few = pictures[:: max(1, len(pictures) // SAMPLES)]
+    sample = Image.fromarray(np.concatenate([np.asarray(picture) for picture in few]))
+    # one palette for all frames and no dithering: what stands still is the same in every frame
+    plain = {'dither': Image.Dither.NONE}
+    palette = sample.quantize(COLOURS, method=Image.Quantize.MEDIANCUT, **plain)
+    first, *others = [picture.quantize(palette=palette, **plain) for picture in pictures]
+    durations = [frame_ms] * len(others) + [max(frame_ms, HOLD_MS)]
+    first.save(out, save_all=True, append_images=others, duration=durations, loop=0, optimize=False)
     return len(times)
 
 
@@ -136,15 +155,6 @@ def _frame_ms(options):
     return max(CENTISECOND_MS * round(1e3 / options.fps / CENTISECOND_MS), CENTISECOND_MS)
 
 
-def _shown(strips, clock, times) -> Iterator[float]:
-    """Yield each time after everything was moved to it."""
-    for t in times:
-        for strip in strips:
-            strip.show(float(t))
-        clock.set_text(f'{t:.1f} s')
-        yield t
-
-
 def _sheet(runs, width):
     """Return the figure, its strips, and the text of the time."""
     road, window_m = width - PANEL_PX, window(runs)
@@ -155,16 +165,14 @@ def _sheet(runs, width):
     total += total % 2  # video wants even sizes
     figure = Figure(figsize=(width / DPI, total / DPI), dpi=DPI)
     FigureCanvasAgg(figure)
-
-    def axes(left, bottom, size, **limits):
-        place = left / width, bottom / total, size[0] / width, size[1] / total
-        return figure.add_axes(place, **limits)
-
     strips, bottom = [], total
     for run, height in zip(runs, heights):
         bottom -= height + GAP_PX
-        panel = axes(0, bottom, (PANEL_PX, height), xlim=(0, PANEL_PX), ylim=(0, height))
-        strips.append(Strip(panel, axes(PANEL_PX, bottom, (road, height)), run, window_m))
+        below, high = bottom / total, height / total
+        limits = {'xlim': (0, PANEL_PX), 'ylim': (0, height)}
+        panel = figure.add_axes((0, below, PANEL_PX / width, high), **limits)
+        place = (PANEL_PX / width, below, road / width, high)
+        strips.append(Strip(panel, figure.add_axes(place), run, window_m))
     clock = figure.text(6 / width, KEY_PX / 2 / total, '', fontsize=FONT, va='center')
     left = PANEL_PX / width
     keys = [
@@ -188,27 +196,12 @@ def _sheet(runs, width):
     return figure, strips, clock
 
 
-def _write_gif(out, figure, frames, each):
-    pictures = []
-    for _ in frames:
-        figure.canvas.draw()
-        pictures.append(Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3]))
-    few = pictures[:: max(1, len(pictures) // SAMPLES)]
-    sample = Image.fromarray(np.concatenate([np.asarray(picture) for picture in few]))
-    # one palette for all frames and no dithering: what stands still is the same in every frame
-    palette = sample.quantize(COLOURS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-    drawn = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
-    durations = [each] * (len(drawn) - 1) + [max(each, HOLD_MS)]
-    first, *others = drawn
-    first.save(out, save_all=True, append_images=others, duration=durations, loop=0, optimize=False)
-
-
 class Strip:
     """The artists of one run on two axes: `panel` for its numbers, counted in pixels, `road`."""
 
     def __init__(self, panel, road, run: EvaluatedDrive, window_m: float = WINDOW_M):
         self.run, self.t = run, run.series.t
-        self.cameras = _cameras(run, slice(None))
+        self.cameras = _cameras(run)
         self.use = friction_use(run)
         self.view, self.artists = Affine2D(), {}
         drive, half = run.drive, half_width(run, window_m)
@@ -289,26 +282,26 @@ class Strip:
         share = min(use, 1.2 * FULL) if np.isfinite(use) else 0.0
         self.bar.set_width(BAR_PX[0] * share)
         self.bar.set_facecolor(style.UNSAFE if share > WARN else '#7C8A94')
-        icon = scene.placed(scene.box(WHEEL_ICON_PX), *self.icon_at, at['steer'])
+        icon = geometry.transform_to_map(scene.box(WHEEL_ICON_PX), *self.icon_at, at['steer'])
         self.icon.set_xy(icon)
         self.angle.set_text(f'{np.degrees(at["steer"]):+.1f}°')
         if t > self.t[-1] + 1e-9:
             self.speed.set_text('ended')
 
 
-def _cameras(run, chosen):
-    """Return columns x, y [m], heading [rad] (n,) of the camera at chosen samples of the motion.
+def _cameras(run):
+    """Return columns x, y [m], heading [rad] (n,) of the camera at the samples of the motion.
 
     It looks at the point in the middle of the road beside the car.
     """
     motion, road = run.drive.motion, run.drive.scene
     points = np.column_stack([motion.x, motion.y])
-    feet = [
-        geometry.project_drive(points, edge, np.inf).distance for edge in (road.left, road.right)
+    sides = [
+        (edge, geometry.project_drive(points, edge, np.inf).distance)
+        for edge in (road.left, road.right)
     ]
 
     def at(ahead):
-        sides = zip((road.left, road.right), feet)
         return sum(_points_along(edge, foot + ahead) for edge, foot in sides)
 
     middle = at(0.0) / 2
@@ -318,7 +311,7 @@ def _cameras(run, chosen):
     across = np.column_stack([-np.sin(heading), np.cos(heading)])
     offset = np.sum((points - middle) * across, axis=1)
     centre = points - offset[:, None] * across
-    return centre[chosen, 0], centre[chosen, 1], heading[chosen]
+    return *centre.T, heading
 
 
 def _points_along(line, distance):
@@ -344,7 +337,7 @@ def half_width(run: EvaluatedDrive, window_m: float = WINDOW_M) -> float:
     width = np.zeros(len(points))
     for edge, inside in ((road.left, -1.0), (road.right, 1.0)):
         width += np.maximum(inside * geometry.distance_to_polyline(points, edge), 0.0)
-    x, y, heading = _cameras(run, every)
+    x, y, heading = (column[every] for column in _cameras(run))
     ahead = np.array([np.cos(heading), np.sin(heading)])
     farthest = 0.0
     for place in scene.positions_at(run, run.series.t[every]):

@@ -22,41 +22,20 @@ FRAMES = {'cartesian': '#0072B2', 'frenet': '#D55E00'}
 MOMENT_M = 24.0  # gap along the path at which the sketches are drawn
 SIZE = (15.0, 9.2)  # inch
 STEM = 'distances'
-OUTSIDE = (0, (5, 1.5))  # the colours stand for frames: the dash for the side of the path
+DASHES = {'inside': '-', 'outside': (0, (5, 1.5))}  # the colours stand for frames: by side
 CURVE_GAPS_M = {10.0: '#009E73', 20.0: '#CC79A7', 30.0: '#000000'}  # of the curves over curvature
 EVERY = 400  # of the recorded poses one in this many is drawn
 SHARE = 1.2  # of the circle's own curvature, how far the curvature axis goes
 FILE = 'distances.json'
 
 
-def sketch_cartesian(ax, drive, circle):
-    """Sketch the scenario in Cartesian coordinates."""
-    angle = np.linspace(0, 2 * np.pi, 241)
-    ax.plot(*_point(circle, angle, 0.0), **style.coarse_path_line())
-    spots = {side: _point(circle, _bearing(circle, 0.0), n) for side, n in circle.sides.items()}
-    vehicle = _point(circle, _bearing(circle, -MOMENT_M), 0.0)
-    _scene(ax, drive, circle, spots, vehicle, 'cartesian')
-    labels = {'xlabel': 'X from the centre [m]', 'ylabel': 'Y from the centre [m]'}
-    ax.set(**labels, title='Cartesian coordinates')
-
-
-def sketch_frenet(ax, drive, circle):
-    """Sketch the same moment in path coordinates, in which the circle is a straight line."""
-    ax.axhline(0.0, **style.coarse_path_line())
-    left = {side: circle.turn * n for side, n in circle.sides.items()}
-    spots = {side: (circle.station, e) for side, e in left.items()}
-    vehicle = (circle.station - MOMENT_M, 0.0)
-    _scene(ax, drive, circle, spots, vehicle, 'frenet')
-    ax.set(xlabel='s [m]', ylabel='e [m], left positive', title='Path (Frenet) coordinates')
-
-
-def _scene(ax, drive, circle, spots, vehicle, frame):
+def _sketch(ax, drive, circle, spots, vehicle, frame):
     colour = FRAMES[frame]
     own = drive.scene.obstacles[0].radius
     for side, spot in spots.items():
-        shown = (side == 'inside') == (circle.inside > 0)
-        ax.add_patch(Disc(spot, own, facecolor=(style.EDGE, 1.0 if shown else 0.3), lw=0))
-        ax.plot(*zip(vehicle, spot), color=colour, ls=dash(side), lw=1.4)
+        shown = 1.0 if side == circle.own_side else 0.3
+        ax.add_patch(Disc(spot, own, facecolor=(style.EDGE, shown), lw=0))
+        ax.plot(*zip(vehicle, spot), color=colour, ls=DASHES[side], lw=1.4)
     ax.add_patch(
         Disc(vehicle, drive.facts.vehicle_radius, facecolor=(colour, 0.25), edgecolor=colour)
     )
@@ -76,19 +55,9 @@ def _scene(ax, drive, circle, spots, vehicle, frame):
     ax.set_aspect('equal', adjustable='datalim')
 
 
-def _bearing(circle, past):
-    """Return the bearing [rad] from the centre of a point `past` [m] behind the obstacle."""
-    return np.pi / 2 + circle.turn * past / circle.radius
-
-
 def _point(circle, bearing, inside):
     reach = circle.radius - inside
     return reach * np.cos(bearing), reach * np.sin(bearing)
-
-
-def dash(side):
-    """Return the line style that stands for a side."""
-    return '-' if side == 'inside' else OUTSIDE
 
 
 def write_figure(drive, circle, driven, folder):
@@ -97,14 +66,33 @@ def write_figure(drive, circle, driven, folder):
         title = f'Distance to an obstacle beside a circle of {circle.radius:.0f} m, in two frames'
         figure = style.new_sheet(SIZE, title)
         top, bottom = figure.subplots(2, 3)
-        sketch_cartesian(top[0], drive, circle)
-        sketch_frenet(top[1], drive, circle)
+        angle = np.linspace(0, 2 * np.pi, 241)
+        top[0].plot(*_point(circle, angle, 0.0), **style.coarse_path_line())
+        at, before = (np.pi / 2 + circle.turn * s / circle.radius for s in (0.0, -MOMENT_M))
+        spots = {side: _point(circle, at, inside) for side, inside in circle.sides.items()}
+        _sketch(top[0], drive, circle, spots, _point(circle, before, 0.0), 'cartesian')
+        labels = {'xlabel': 'X from the centre [m]', 'ylabel': 'Y from the centre [m]'}
+        top[0].set(**labels, title='Cartesian coordinates')
+        # the same moment in path coordinates, in which the circle is a straight line
+        top[1].axhline(0.0, **style.coarse_path_line())
+        spots = {side: (circle.station, circle.turn * n) for side, n in circle.sides.items()}
+        _sketch(top[1], drive, circle, spots, (circle.station - MOMENT_M, 0.0), 'frenet')
+        labels = {'xlabel': 's [m]', 'ylabel': 'e [m], left positive'}
+        top[1].set(**labels, title='Path (Frenet) coordinates')
         over_curvature(top[2], circle)
-        for ax, (side, inside) in zip(bottom, circle.sides.items()):
-            over_distance(ax, circle, driven, side, inside)
+        for ax, side in zip(bottom, circle.sides):
+            over_distance(ax, circle, driven, side)
         difference(bottom[2], circle, driven)
         style.letter_panels(figure)
-        figure.legend(handles=_keys(drive), loc='outside lower center', ncols=6, handlelength=2.2)
+        named = {'cartesian': 'on the ground (Cartesian)', 'frenet': 'path coordinates (Frenet)'}
+        keys = [Line2D([], [], color=FRAMES[name], label=label) for name, label in named.items()]
+        for side in circle.sides:
+            label = f'obstacle {side}'
+            keys.append(Line2D([], [], color=style.INK, ls=DASHES[side], label=label))
+        point = {'color': style.INK, 'ls': '', 'marker': 'o', 'ms': 3}
+        keys.append(Line2D([], [], label=f'poses driven by {drive.facts.controller}', **point))
+        keys.append(Line2D([], [], label='coarse path', **style.coarse_path_line()))
+        figure.legend(handles=keys, loc='outside lower center', ncols=6, handlelength=2.2)
         return style.save_figure(figure, folder / STEM)
 
 
@@ -118,7 +106,11 @@ def over_curvature(ax, circle):
             distances = circle_distances(1 / curvature[known], gap, inside, circle.reach)
             label = f'{gap:.0f} m before it' if side == 'inside' else None
             ax.plot(
-                curvature[known], distances.overestimation, color=colour, ls=dash(side), label=label
+                curvature[known],
+                distances.overestimation,
+                color=colour,
+                ls=DASHES[side],
+                label=label,
             )
     ax.axvline(1 / circle.radius, color=style.EDGE, lw=0.8, ls=':')
     ax.legend(loc='upper left')
@@ -126,12 +118,13 @@ def over_curvature(ax, circle):
     ax.set_title('Overestimation over curvature')
 
 
-def over_distance(ax, circle, driven, side, inside):
+def over_distance(ax, circle, driven, side):
     """Draw both distances over the distance driven, obstacle on one side of the path."""
     lap = np.linspace(circle.station - np.pi * circle.radius, circle.station, 400)
     lap = np.concatenate([lap, 2 * circle.station - lap[-2::-1]])
-    distances = circle_distances(circle.radius, lap - circle.station, inside, circle.reach)
-    own = driven.distances if inside * circle.inside > 0 else driven.beyond
+    gap, inside = lap - circle.station, circle.sides[side]
+    distances = circle_distances(circle.radius, gap, inside, circle.reach)
+    own = driven.distances[side]
     for name, colour in FRAMES.items():
         ax.plot(lap, getattr(distances, name), color=colour)
         ax.plot(driven.station[::EVERY], getattr(own, name)[::EVERY], 'o', ms=3, color=colour)
@@ -139,7 +132,7 @@ def over_distance(ax, circle, driven, side, inside):
     low = min(distances.cartesian.min(), own.cartesian.min())
     ax.set_ylim(low - 1.5, distances.frenet.max() + 1.0)
     ax.set_xlim(lap[0], lap[-1])
-    imagined = '' if own is driven.distances else ', imagined'
+    imagined = '' if side == circle.own_side else ', imagined'
     ax.set(xlabel='distance driven [m]', ylabel='$D_{V2O}$ [m]')
     ax.set_title(f'Obstacle {side} the circle{imagined}')
 
@@ -150,8 +143,8 @@ def difference(ax, circle, driven):
     before = driven.station <= circle.station
     for side, inside in reversed(circle.sides.items()):
         distances = circle_distances(circle.radius, gap, inside, circle.reach)
-        ax.plot(gap, distances.overestimation, color=style.INK, ls=dash(side), label=side)
-        own = driven.distances if inside * circle.inside > 0 else driven.beyond
+        ax.plot(gap, distances.overestimation, color=style.INK, ls=DASHES[side], label=side)
+        own = driven.distances[side]
         ax.plot(
             (circle.station - driven.station)[before][:: EVERY // 2],
             own.overestimation[before][:: EVERY // 2],
@@ -164,16 +157,6 @@ def difference(ax, circle, driven):
     ax.legend(loc='upper right')
     ax.set(xlabel='path still to drive to the obstacle [m]', ylabel='Frenet $-$ Cartesian [m]')
     ax.set_title('Overestimation over distance')
-
-
-def _keys(drive):
-    named = {'cartesian': 'on the ground (Cartesian)', 'frenet': 'path coordinates (Frenet)'}
-    keys = [Line2D([], [], color=FRAMES[name], label=label) for name, label in named.items()]
-    driven = f'poses driven by {drive.facts.controller}'
-    for side in ('inside', 'outside'):
-        keys.append(Line2D([], [], color=style.INK, ls=dash(side), label=f'obstacle {side}'))
-    keys.append(Line2D([], [], color=style.INK, ls='', marker='o', ms=3, label=driven))
-    return [*keys, Line2D([], [], label='coarse path', **style.coarse_path_line())]
 
 
 class FrameDistanceFiles(NamedTuple):

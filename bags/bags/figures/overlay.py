@@ -58,10 +58,6 @@ class Overlay(NamedTuple):
     axes: Mapping[str, np.ndarray]  # by name in AXES, those that are known
     signals: Mapping[str, np.ndarray]  # by panel, in its unit
 
-    def along(self, axis: str) -> np.ndarray | None:
-        """Return time_s or station_m (n,); None where it is unknown."""
-        return self.axes.get(axis)
-
     def path(self) -> np.ndarray | None:
         """Return the positions (n, 2) [m]; None where they are unknown."""
         if X in self.axes and Y in self.axes:

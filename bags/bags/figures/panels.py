@@ -8,7 +8,6 @@ the panel of the distances to obstacles the closest approaches are enlarged.
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from functools import partial
-from types import MappingProxyType
 
 import numpy as np
 
@@ -26,16 +25,14 @@ GRAVITY = 9.81  # m/s^2
 EVERY = 10  # of the 1 kHz samples one in this many is drawn
 FAR_M = 5.0  # distances beyond this are safe, and not drawn
 # of a vertical axis, by signal: noise is not to fill it, and 0.1 m/s not to look like braking
-LEAST_SPANS: Mapping[str, float] = MappingProxyType(
-    {
-        'velocity': 5.0,  # m/s
-        'sideslip': 2.0,  # deg
-        'contouring': 0.5,  # m
-        'lateral': 2.0,  # m/s^2
-        'steer': 2.0,  # deg
-        'force': 2.0,  # kN
-    }
-)
+LEAST_SPANS = {
+    'velocity': 5.0,  # m/s
+    'sideslip': 2.0,  # deg
+    'contouring': 0.5,  # m
+    'lateral': 2.0,  # m/s^2
+    'steer': 2.0,  # deg
+    'force': 2.0,  # kN
+}
 SPARE = 0.05  # of the span of the values, left free above and below them
 LEAST_MARGIN_M = 0.1  # of stations: a car that stands has only one
 KILO = 1e3
@@ -60,24 +57,18 @@ def draw_insets(ax, runs):
                 approached.setdefault(number, []).append(station)
     middles = {number: float(np.mean(at)) for number, at in approached.items()}
     order = sorted(middles, key=middles.get)
-    free = _gaps(ax.get_xlim(), [middles[number] for number in order])
+    # stations that no curve crosses, by place, those wide enough
+    low, high = ax.get_xlim()
+    begins = [low, *(middles[number] + ASIDE_M for number in order)]
+    ends = [*(middles[number] - ASIDE_M for number in order), high]
+    gaps, wide = enumerate(zip(begins, ends)), LEAST_SHARE * (high - low)
+    free = {k: gap for k, gap in gaps if gap[1] - gap[0] >= wide}
     for k, number in enumerate(order):
         # one before and one behind the approach
         beside = [side for side in (k, k + 1) if side in free]
         if beside:
             widest = max(beside, key=lambda side: free[side][1] - free[side][0])
             _inset(ax, runs, number, free.pop(widest))
-
-
-def _gaps(limits, middles):
-    """Return the (from, to) stations [m] that no curve crosses by place, those wide enough."""
-    low, high = limits
-    begins = [low, *(middle + ASIDE_M for middle in middles)]
-    ends = [*(middle - ASIDE_M for middle in middles), high]
-    wide = LEAST_SHARE * (high - low)
-    return {
-        k: (begin, end) for k, (begin, end) in enumerate(zip(begins, ends)) if end - begin >= wide
-    }
 
 
 def _inset(ax, runs, number, gap):
@@ -249,17 +240,14 @@ def _finish_distances(ax, runs, gaps, safe):
 
 def note(ax, text):
     """Write a small note above the right corner of a panel."""
+    look = {'ha': 'right', 'va': 'bottom', 'fontsize': 7.5, 'color': style.QUIET}
     ax.annotate(
-        text,
-        (1.0, 1.0),
-        (0, 7),
-        xycoords='axes fraction',
-        textcoords='offset points',
-        ha='right',
-        va='bottom',
-        fontsize=7.5,
-        color=style.QUIET,
+        text, (1.0, 1.0), (0, 7), xycoords='axes fraction', textcoords='offset points', **look
     )
+
+
+def _signal(name, ylabel, title):
+    return partial(draw_signal, name=name, ylabel=ylabel, title=title)
 
 
 # against the station, by name: each draws on (ax, runs)
@@ -267,20 +255,11 @@ PANELS = {
     'v2o': draw_v2o,
     'v2e_left': partial(draw_v2e, side='left'),
     'v2e_right': partial(draw_v2e, side='right'),
-    'velocity': partial(
-        draw_signal, name='velocity', ylabel='$v_x$ [m/s]', title='Longitudinal velocity'
-    ),
-    'sideslip': partial(
-        draw_signal, name='sideslip', ylabel='$\\beta$ [deg]', title='Vehicle sideslip angle'
-    ),
-    'road_wheel_angle': partial(
-        draw_signal, name='steer', ylabel='$\\delta$ [deg]', title='Road-wheel angle'
-    ),
-    'longitudinal_force': partial(
-        draw_signal,
-        name='force',
-        ylabel='$F_x$ [kN], braking negative',
-        title='Longitudinal force input',
+    'velocity': _signal('velocity', '$v_x$ [m/s]', 'Longitudinal velocity'),
+    'sideslip': _signal('sideslip', '$\\beta$ [deg]', 'Vehicle sideslip angle'),
+    'road_wheel_angle': _signal('steer', '$\\delta$ [deg]', 'Road-wheel angle'),
+    'longitudinal_force': _signal(
+        'force', '$F_x$ [kN], braking negative', 'Longitudinal force input'
     ),
     'gg': draw_gg,
 }

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bags.evaluation import geometry
-from bags.evaluation.geometry import Outline
+from bags.evaluation.geometry import Outline, transform_to_map
 from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.evaluation.series import obstacle_position
 from msgs_yaml.conversions import NS_PER_S
@@ -64,15 +64,10 @@ def car_shapes(
     x: float, y: float, yaw: float, outline: Outline, circles: Sequence[float] = (), own=0.0
 ) -> list[Shape]:
     """Return the `outline` of a car, front left first, and its discs `circle` of radius `own`."""
-    shapes = [Shape('outline', geometry.outline_corners(x, y, yaw, outline))]
-    centres = placed(np.array([[ahead, 0.0] for ahead in circles]).reshape(-1, 2), x, y, yaw)
+    shapes = [Shape('outline', transform_to_map(outline.corners, x, y, yaw))]
+    middles = np.column_stack([circles, np.zeros(len(circles))])
+    centres = transform_to_map(middles, x, y, yaw)
     return shapes + [Shape('circle', at, own, k) for k, at in enumerate(centres)]
-
-
-def placed(points: np.ndarray, x: float, y: float, yaw: float) -> np.ndarray:
-    """Return points (n, 2) of a car at its pose in the map."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.add(points @ np.array([[c, s], [-s, c]]), (x, y))
 
 
 def box(size: tuple[float, float]) -> np.ndarray:
@@ -138,12 +133,14 @@ def shapes_at(run: EvaluatedDrive, t: float) -> list[Shape]:
     pose, outline, half = (at['x'], at['y'], at['yaw']), facts.outline, facts.outline.width / 2
     nose = [[outline.front - 0.5 * half, half], [outline.front, 0.55 * half]]
     left = np.array([[-outline.rear, half], *nose])
-    shapes.append(Shape('body', placed(np.concatenate([left, left[::-1] * [1, -1]]), *pose)))
+    shapes.append(
+        Shape('body', transform_to_map(np.concatenate([left, left[::-1] * [1, -1]]), *pose))
+    )
     wheels = facts.wheels
     if not wheels:
         ahead = 0.6 * outline.front, -0.6 * outline.rear
         wheels = [(x, side * (half - WHEEL_M[1] / 2)) for x in ahead for side in (1.0, -1.0)]
     for k, place in enumerate(wheels):
-        turned = placed(box(WHEEL_M), *place, at['steer'] if place[0] > 0 else 0.0)
-        shapes.append(Shape('wheel', placed(turned, *pose), 0.0, k))
+        turned = transform_to_map(box(WHEEL_M), *place, at['steer'] if place[0] > 0 else 0.0)
+        shapes.append(Shape('wheel', transform_to_map(turned, *pose), 0.0, k))
     return shapes + car_shapes(*pose, outline, facts.circles, facts.vehicle_radius)[1:]

@@ -94,12 +94,9 @@ class Look(NamedTuple):
     @property
     def line(self) -> dict:
         """Keyword arguments of `Axes.plot`."""
-        return {'color': self.colour, 'linestyle': dash_style(self), 'linewidth': self.width}
-
-
-def dash_style(look: Look) -> str | tuple:
-    """Return the dash as a Matplotlib line style, which counts in widths of the line."""
-    return (0, tuple(part / look.width for part in look.dash)) if look.dash else '-'
+        # Matplotlib counts dashes in widths of the line
+        dash = (0, tuple(part / self.width for part in self.dash)) if self.dash else '-'
+        return {'color': self.colour, 'linestyle': dash, 'linewidth': self.width}
 
 
 def assign_looks(names: Sequence[str], controllers: Sequence[str] = ()) -> dict[str, Look]:
@@ -145,8 +142,8 @@ def coarse_path_line() -> dict:
     return {'color': COARSE_PATH, 'linewidth': 5.0, 'linestyle': '-', 'zorder': 1}
 
 
-def hide_overlapping(figure, mark: str) -> None:
-    """Hide those texts with the gid `mark` that would cover an earlier one.
+def hide_overlapping(figure) -> None:
+    """Hide those texts with the gid TIME_LABEL that would cover an earlier one.
 
     The figure must be laid out: the room that a text takes depends on the size of the axes.
     """
@@ -154,7 +151,7 @@ def hide_overlapping(figure, mark: str) -> None:
 
     for ax in figure.axes:
         taken: list[Bbox] = []
-        for text in (label for label in ax.texts if label.get_gid() == mark):
+        for text in (label for label in ax.texts if label.get_gid() == TIME_LABEL):
             extent = text.get_window_extent().padded(2.0)
             if any(extent.overlaps(other) for other in taken):
                 text.set_visible(False)
@@ -194,7 +191,7 @@ def save_figure(figure, stem: Path) -> list[Path]:
     figure.dpi = mpl.rcParams['savefig.dpi']
     figure.get_layout_engine().execute(figure)
     figure.set_layout_engine(None)
-    hide_overlapping(figure, TIME_LABEL)
+    hide_overlapping(figure)
     paths = figure_paths(stem)
     figure.savefig(paths[0])
     figure.savefig(paths[1], metadata={'Date': None})

@@ -5,11 +5,10 @@ The script of the page only looks up these numbers and rotates the outline.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from bokeh.models import ColumnDataSource, HoverTool, Range1d
-from bokeh.plotting import figure
 
 from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.figures import comparison_figures, scene, style
@@ -78,24 +77,6 @@ def car_frames(run: EvaluatedDrive, t: np.ndarray) -> dict[str, Any]:
     return {**float32(t=t, **shown), **facts.outline._asdict(), **body, **end}
 
 
-def plan_rows(run: EvaluatedDrive) -> dict[str, Any]:
-    """Return the predicted horizon of each tick, a row per tick."""
-    plans = run.log.predictions
-    stages = [np.column_stack([plan.X, plan.Y]) for plan in plans]
-    stamp_ns = np.array([plan.stamp_ns for plan in plans])
-    return _rows(run, stamp_ns, stages, scene.STAGE_EVERY)
-
-
-def candidate_rows(run: EvaluatedDrive) -> dict[str, Any]:
-    """Return the plans that were compared and not chosen: a row per tick, gaps between them."""
-    gap = np.full((1, 2), np.nan)
-    ticks = [
-        np.concatenate([gap, *(part for c in lines if not c.is_chosen for part in (c.points, gap))])
-        for lines in run.log.candidates
-    ]
-    return _rows(run, run.log.report_ns[: len(ticks)], ticks)
-
-
 def _rows(run, stamp_ns, lines, every=1):
     """Return lines of points as rows of equal length, with not-a-number behind each."""
     padded = np.full((len(lines), max(map(len, lines), default=0), 2), np.nan)
@@ -105,19 +86,14 @@ def _rows(run, stamp_ns, lines, every=1):
     return float32(t=t, x=padded[:, ::every, 0], y=padded[:, ::every, 1])
 
 
-class TopView(NamedTuple):
-    """The figure and the data of its animation, for the script of the page."""
+def build_top_view(
+    runs: Sequence[EvaluatedDrive], overlays: Sequence[Overlay] = ()
+) -> dict[str, Any]:
+    """Return the road from above, with the scene of the first run, for the script of the page.
 
-    plot: figure
-    obstacles: dict[str, Any]  # positions in each frame
-    places: ColumnDataSource | None  # drawn positions
-    runs: list[dict[str, Any]]  # of each: name and numbers of car and plans; what is drawn
-
-
-def build_top_view(runs: Sequence[EvaluatedDrive], overlays: Sequence[Overlay] = ()) -> TopView:
-    """Return the road from above, with the scene of the first run.
-
-    Everything that moves is drawn from sources that the page updates for every frame.
+    Everything that moves is drawn from sources that the page updates for every frame: `plot` is the
+    figure, `obstacles` their positions in each frame, `places` the drawn ones (None without any),
+    `runs` of each its name, the numbers of car and plans, and what is drawn.
     """
     low, high = comparison_figures.road_limits(runs)
     road = float(np.clip(WIDTH * comparison_figures.road_aspect(runs), *HEIGHTS))
@@ -144,23 +120,21 @@ def build_top_view(runs: Sequence[EvaluatedDrive], overlays: Sequence[Overlay] =
     still = float32(t=t, x=x.T, y=y.T)
     places = _draw_obstacles(plot, seen, facts, still)
     for run in runs:
-        _trajectory(plot, run)
+        motion = run.drive.motion
+        chosen = np.union1d(decimate(motion.y, BINS), decimate(motion.x, BINS))
+        columns = {'x': motion.x, 'y': motion.y, 'time': run.series.t, 'speed': run.series.speed}
+        source = ColumnDataSource(float32(**{name: c[chosen] for name, c in columns.items()}))
+        line = tag_run(run, plot.line('x', 'y', source=source, **line_look(run)))
+        line.glyph.line_alpha = 0.6
+        tips = [('run', run.name), ('time', '@time{0.00} s'), ('speed', '@speed{0.0} m/s')]
+        plot.add_tools(HoverTool(renderers=[line], tooltips=tips))
     for overlay in overlays:
         path = overlay.path()
         if path is not None:
             source = ColumnDataSource(float32(x=path[:, 0], y=path[:, 1]))
             tag_run(overlay, plot.line('x', 'y', source=source, **line_look(overlay)))
-    moving = [
-        {
-            'name': run.name,
-            'car': car_frames(run, t),
-            'plan': plan_rows(run),
-            'others': candidate_rows(run),
-            **_moving(plot, run),
-        }
-        for run in runs
-    ]
-    return TopView(plot, still, places, moving)
+    moving = [_moving(plot, run, t) for run in runs]
+    return {'plot': plot, 'obstacles': still, 'places': places, 'runs': moving}
 
 
 def _draw_obstacles(plot, seen, facts, still):
@@ -183,37 +157,41 @@ def _draw_obstacles(plot, seen, facts, still):
     return source
 
 
-def _trajectory(plot, run):
-    motion = run.drive.motion
-    chosen = np.union1d(decimate(motion.y, BINS), decimate(motion.x, BINS))
-    columns = {'x': motion.x, 'y': motion.y, 'time': run.series.t, 'speed': run.series.speed}
-    source = ColumnDataSource(float32(**{name: c[chosen] for name, c in columns.items()}))
-    line = tag_run(run, plot.line('x', 'y', source=source, **line_look(run)))
-    line.glyph.line_alpha = 0.6
-    tips = [('run', run.name), ('time', '@time{0.00} s'), ('speed', '@speed{0.0} m/s')]
-    plot.add_tools(HoverTool(renderers=[line], tooltips=tips))
+def _moving(plot, run, t):
+    """Return name, car, plans and sources of a run: a row of points per plan.
 
-
-def _moving(plot, run):
-    horizon, body, candidates, pole = (ColumnDataSource({'x': [], 'y': []}) for _ in range(4))
-    circles = ColumnDataSource({'x': [], 'y': [], 'width': []})
-    flag = ColumnDataSource({'x': [], 'y': [], 'text': []})
-    ink = {'line_color': run.look.colour}
-    filled = {'fill_color': run.look.colour, 'fill_alpha': 0.12}
-    look = line_look(run)
-    thin = {'line_alpha': 0.5, **ink}
-    text = {'text_color': run.look.colour, 'text_font_size': '13px', 'text_font_style': 'bold'}
+    Of the plans that were compared those that were not chosen, with gaps between them.
+    """
+    plans = [np.column_stack([plan.X, plan.Y]) for plan in run.log.predictions]
+    plan_ns = np.array([plan.stamp_ns for plan in run.log.predictions])
+    gap = np.full((1, 2), np.nan)
+    others = [
+        np.concatenate([gap, *(part for c in lines if not c.is_chosen for part in (c.points, gap))])
+        for lines in run.log.candidates
+    ]
+    data = {
+        'name': run.name,
+        'car': car_frames(run, t),
+        'plan': _rows(run, plan_ns, plans, scene.STAGE_EVERY),
+        'others': _rows(run, run.log.report_ns[: len(others)], others),
+    }
+    names = ('horizon', 'body', 'candidates', 'pole', 'circles', 'flag')
+    more = {'circles': {'width': []}, 'flag': {'text': []}}
+    sources = {n: ColumnDataSource({'x': [], 'y': [], **more.get(n, {})}) for n in names}
+    horizon, body, candidates, pole, circles, flag = sources.values()
+    colour = run.look.colour
+    ink, filled = {'line_color': colour}, {'fill_color': colour, 'fill_alpha': 0.12}
+    look, thin = line_look(run), {'line_alpha': 0.5, 'line_color': colour}
+    text = {'text_color': colour, 'text_font_size': '13px', 'text_font_style': 'bold'}
+    text |= {'text_align': 'center', 'text_baseline': 'middle'}
     for drawn in (
         plot.line('x', 'y', source=candidates, line_alpha=0.35, line_width=1.5, **ink),
         plot.line('x', 'y', source=horizon, line_alpha=0.6, **ink),
-        plot.scatter('x', 'y', source=horizon, size=4, line_color=None, fill_color=run.look.colour),
+        plot.scatter('x', 'y', source=horizon, size=4, line_color=None, fill_color=colour),
         plot.patch('x', 'y', source=body, **filled, **look),
         plot.ellipse('x', 'y', 'width', 'width', source=circles, fill_color=None, **thin),
         plot.line('x', 'y', source=pole, **thin),
-        plot.text(
-            'x', 'y', 'text', source=flag, text_align='center', text_baseline='middle', **text
-        ),
+        plot.text('x', 'y', 'text', source=flag, **text),
     ):
         tag_run(run, drawn)
-    sources = {'horizon': horizon, 'body': body, 'circles': circles, 'candidates': candidates}
-    return {**sources, 'pole': pole, 'flag': flag}
+    return {**data, **sources}

@@ -121,8 +121,7 @@ def compare_runs(
     table_file.write_text(metrics_table.metrics_csv(by_run))
     comparison_figures.write_figures(runs, scenario, folder, overlays)
     report = out / page.REPORT_FILE
-    data = page.ReportData(values, runs, overlays)
-    report.write_text(page.report_html(data), encoding='utf-8')
+    report.write_text(page.report_html(values, runs, overlays), encoding='utf-8')
     drawn = [p for name in comparison_figures.ALL for p in style.figure_paths(folder / name)]
     return Comparison(values, file, table_file, drawn, report, replaced)
 

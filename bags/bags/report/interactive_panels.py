@@ -73,16 +73,6 @@ class Panel(NamedTuple):
     unsafe: Callable[[Facts], float] | None = None
     least_top: float = 0.0  # of an axis that begins at 0
 
-    def curve(self, run: EvaluatedDrive) -> Curve | None:
-        """Return the line of a run; None where it has none."""
-        return self.line(run) if self.line else SIGNALS[self.name](run)
-
-    def limits(self, columns: Sequence[np.ndarray]) -> tuple[float, float]:
-        """Return the limits of the vertical axis for the values that it shows."""
-        if self.name in LEAST_SPANS:
-            return axis_limits(self.name, columns)
-        return 0.0, max(self.least_top, *(1.05 * float(np.nanmax(column)) for column in columns))
-
 
 def _v2o(run):
     """Return the distance to the nearest obstacle: more lines would not be readable."""
@@ -92,39 +82,34 @@ def _v2o(run):
     return run.stamp_ns, np.where(nearest < FAR_M, nearest, np.nan)
 
 
-def _v2e(side):
-    return lambda run: (run.stamp_ns, run.series.v2e[side])
+def _edge(side):
+    def line(run):
+        return run.stamp_ns, run.series.v2e[side]
+
+    title = f'Distance to the {side} edge'
+    return Panel(f'v2e_{side}', title, 'D_V2E [m]', line, lambda facts: facts.safe_edge)
 
 
 def _reported(name):
     return lambda run: (run.log.report_ns, run.log.numbers[name]) if run.log.numbers else None
 
 
-FRICTION = 'F / µF_z'  # share of the friction of an axle that the controller's model uses
+def _friction(axle):
+    """Return the panel of the share of the friction that the controller's model uses."""
+    title, line = f'Friction use in the controller, {axle} axle', _reported(f'friction.{axle}')
+    return Panel(f'friction_{axle}', title, 'F / µF_z', line, least_top=1.05)
+
+
 PANELS = (
     Panel('v2o', 'Distance to the nearest obstacle', 'D_V2O [m]', _v2o, lambda r: r.safe_obstacle),
-    Panel(
-        'v2e_left', 'Distance to the left edge', 'D_V2E [m]', _v2e('left'), lambda r: r.safe_edge
-    ),
-    Panel(
-        'v2e_right', 'Distance to the right edge', 'D_V2E [m]', _v2e('right'), lambda r: r.safe_edge
-    ),
+    *map(_edge, ('left', 'right')),
     Panel('contouring', 'Distance from the coarse path', 'left positive [m]'),
     Panel('velocity', 'Longitudinal velocity', 'v_x [m/s]'),
     Panel('sideslip', 'Sideslip angle', 'β [deg]'),
     Panel('lateral', 'Lateral acceleration', 'a_y [m/s²]'),
     Panel('steer', 'Road-wheel angle', 'δ [deg]'),
     Panel('force', 'Longitudinal force, braking negative', 'F_x [kN]'),
-    *(
-        Panel(
-            f'friction_{axle}',
-            f'Friction use in the controller, {axle} axle',
-            FRICTION,
-            _reported(f'friction.{axle}'),
-            least_top=1.05,
-        )
-        for axle in ('front', 'rear')
-    ),
+    *map(_friction, ('front', 'rear')),
     Panel('solve', 'Solve time per tick', '[ms]', _reported('time.solve_ms'), least_top=20.0),
 )
 
@@ -136,7 +121,8 @@ def plot_panel(
     overlays: Sequence[Overlay] = (),
 ) -> figure | None:
     """Return the figure of a panel over `time_axis` [s]; None when no run has anything to show."""
-    drawn = [(run, *curve) for run in runs if (curve := panel.curve(run))]
+    line = panel.line or SIGNALS[panel.name]
+    drawn = [(run, *curve) for run in runs if (curve := line(run))]
     drawn = [curve for curve in drawn if np.isfinite(curve[-1]).any()]
     if not drawn:
         return None
@@ -144,9 +130,18 @@ def plot_panel(
     laid = [o for o in overlays if np.isfinite(o.signals.get(panel.name, np.nan)).any()]
     values = [curve[-1] for curve in drawn] + [o.signals[panel.name] for o in laid]
     if panel.unsafe:
-        _shade(plot, max(panel.unsafe(run.drive.facts) for run in runs), values)
+        # unsafe distances are shaded, red where circles overlap; the axis shows small ones
+        safe = max(panel.unsafe(run.drive.facts) for run in runs)
+        low = min([0.0, *(np.nanmin(column) for column in values)])
+        plot.y_range = Range1d(float(low) - safe, FAR_M)
+        look = {'fill_alpha': 0.2, 'line_color': None, 'level': 'underlay'}
+        for bottom, top, colour in ((0.0, safe, style.UNSAFE), (FLOOR_M, 0.0, style.COLLISION)):
+            plot.add_layout(BoxAnnotation(bottom=bottom, top=top, fill_color=colour, **look))
+    elif panel.name in LEAST_SPANS:
+        plot.y_range = Range1d(*axis_limits(panel.name, values))
     else:
-        plot.y_range = Range1d(*panel.limits(values))
+        most = max(panel.least_top, *(1.05 * float(np.nanmax(column)) for column in values))
+        plot.y_range = Range1d(0.0, most)
     lines = []
     for run, stamp_ns, column in drawn:
         chosen = decimate(column, BINS)
@@ -156,7 +151,7 @@ def plot_panel(
     for overlay in laid:
         column = overlay.signals[panel.name]
         unknown = np.full(len(column), np.nan)
-        places = (overlay.along(axis) for axis in (TIME, STATION))
+        places = (overlay.axes.get(axis) for axis in (TIME, STATION))
         places = (unknown if place is None else place for place in places)
         lines.append(_plot_curve(plot, overlay, *places, column))
     where = [('run', '$name'), (panel.axis, '@value{0.000}'), ('time', '@time{0.000} s')]
@@ -232,16 +227,6 @@ def new_figure(name: str, x_label: str, y_label: str, **options: Any) -> figure:
     plot.toolbar.logo = None
     plot.toolbar.autohide = True
     return plot
-
-
-def _shade(plot, safe, columns):
-    """Shade the unsafe distances, red where circles overlap; limit the axis to small ones."""
-    low = min([0.0, *(np.nanmin(column) for column in columns)])
-    plot.y_range = Range1d(float(low) - safe, FAR_M)
-    areas = ((0.0, safe, style.UNSAFE), (FLOOR_M, 0.0, style.COLLISION))
-    for bottom, top, colour in areas:
-        shade = {'fill_color': colour, 'fill_alpha': 0.2, 'line_color': None, 'level': 'underlay'}
-        plot.add_layout(BoxAnnotation(bottom=bottom, top=top, **shade))
 
 
 def _since(run, stamp_ns):

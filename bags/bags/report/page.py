@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
-from typing import Any, NamedTuple
+from typing import Any
 
 import jinja2
 from bokeh.document import Document
@@ -28,40 +28,36 @@ START = 'startReport(film, panels)'  # in report.js
 GOOD = {True: 'good', False: 'bad', None: ''}
 
 
-class ReportData(NamedTuple):
-    """The contents of the report."""
+def report_html(
+    values: Mapping[str, Any], runs: Sequence[EvaluatedDrive], overlays: Sequence[Overlay] = ()
+) -> str:
+    """Return the page with all styles, scripts and data inside: it loads nothing.
 
-    values: Mapping[str, Any]  # comparison.json
-    runs: Sequence[EvaluatedDrive]  # with names and looks
-    overlays: Sequence[Overlay] = ()
-
-
-def report_html(data: ReportData) -> str:
-    """Return the page with all styles, scripts and data inside: it loads nothing."""
-    runs, overlays = data.runs, data.overlays
+    `values` are those of comparison.json; the runs have names and looks.
+    """
     infos = [run.log.run_info for run in runs]
-    with_paper = data.values.get(metrics_table.OF_PAPER, False)
+    with_paper = values.get(metrics_table.OF_PAPER, False)
     view = animation.build_top_view(runs, overlays)
-    duration = float(view.obstacles['t'][-1])
+    duration = float(view['obstacles']['t'][-1])
     time_axis = Range1d(0.0, duration)
-    panels = [interactive_panels.plot_panel(panel, runs, time_axis, overlays) for panel in PANELS]
-    panels = [plot for plot in panels if plot] + [interactive_panels.plot_gg(runs)]
+    drawn = (interactive_panels.plot_panel(panel, runs, time_axis, overlays) for panel in PANELS)
+    panels = [*filter(None, drawn), interactive_panels.plot_gg(runs)]
     shaded = {panel.name for panel in PANELS if panel.unsafe}
     document = Document()
     # one pass over all models instead of one per figure
     with document.models.freeze():
-        for plot in (view.plot, *panels):
+        for plot in (view['plot'], *panels):
             document.add_root(plot)
-    arguments = {'film': view._asdict(), 'panels': panels}
+    arguments = {'film': view, 'panels': panels}
     document.js_on_event('document_ready', CustomJS(args=arguments, code=START))
     # the script with all figures, and the HTML element of each by name
-    figures = {plot.name: plot for plot in (view.plot, *panels)}
+    figures = {plot.name: plot for plot in (view['plot'], *panels)}
     script, divs = components(figures, wrap_script=False)
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     environment.trim_blocks = environment.lstrip_blocks = True
     template = environment.from_string((PAGE / 'report.html').read_text())
     return template.render(
-        scenario=data.values['scenario'],
+        scenario=values['scenario'],
         runs=[(run.name, run.look) for run in runs],
         has_many=len(runs) > style.MANY,
         legend=legend_looks(runs),
@@ -72,15 +68,15 @@ def report_html(data: ReportData) -> str:
         shaded=shaded,
         coarse_path=style.COARSE_PATH,
         glossary=metrics.METRICS.values(),
-        damage=data.values.get('damage', {}),
-        invalid=data.values.get(KEY, {}),
-        verdicts={name: run['verdict'] for name, run in data.values['runs'].items()},
+        damage=values.get('damage', {}),
+        invalid=values.get(KEY, {}),
+        verdicts={name: run['verdict'] for name, run in values['runs'].items()},
         duration=duration,
         opening=animation.opening_time(runs),
         film=divs.pop('film'),
         gg=divs.pop('gg'),
         panels=divs,
-        lines=metrics_table.table_lines(data.values['runs']),
+        lines=metrics_table.table_lines(values['runs']),
         paper_note=metrics_table.PAPER_NOTE if with_paper else '',
         colour_note=metrics_table.COLOUR_NOTE,
         good=GOOD,

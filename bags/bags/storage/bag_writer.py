@@ -14,13 +14,7 @@ from typing import NamedTuple
 from mcap.writer import CompressionType, Writer
 
 from bags.errors import BagError
-from bags.storage.rosbag2_metadata import (
-    BagTopic,
-    FileFacts,
-    Span,
-    build_metadata,
-    dump,
-)
+from bags.storage.rosbag2_metadata import BagTopic, FileFacts, Span, build_metadata, dump
 
 CHUNK_BYTES = 768 * 1024  # default of rosbag2
 

@@ -16,6 +16,7 @@ from bags.storage import columns
 from bags.storage.decoding import (
     DECODE_ERRORS,
     DECODERS,
+    STAMP,
     column,
     decode_message,
     group_by_layout,
@@ -50,23 +51,34 @@ def drop_invalid(bag: Bag) -> Bag:
     for name, recorded in bag.recordings.items():
         if name not in DECODERS or not recorded.payloads:
             continue
-        values, reasons = _check(recorded)
+        payloads, known, reasons = recorded.payloads, {}, {}
+        valid = obeys_contract(recorded.topic, payloads)
+        # the others are decoded, which decides and gives the reason
+        for i in np.flatnonzero(~valid).tolist():
+            if payloads[i] not in known:
+                try:
+                    known[payloads[i]] = decode_message(recorded.topic, payloads[i]), ''
+                except DECODE_ERRORS as error:
+                    reason = str(error).removeprefix(f'{name}: ') or type(error).__name__
+                    known[payloads[i]] = None, reason
+            if known[payloads[i]][1]:
+                reasons[i] = known[payloads[i]][1]
         if name in VEHICLE_TOPICS:
             keep_twins = name == STATE and bag.run_info.get('mode') == LOCKSTEP
             # of those that obey the contract
-            rows = np.setdiff1d(np.arange(len(recorded.payloads)), list(reasons))
-            stamp_ns = header_stamps_ns(name, [recorded.payloads[row] for row in rows])
+            rows = np.setdiff1d(np.arange(len(payloads)), list(reasons))
+            stamp_ns = header_stamps_ns(name, [payloads[row] for row in rows])
             foreign = find_foreign_stamps(stamp_ns, recorded.log_ns[rows], keep_twins)
             reasons |= {int(rows[k]): reason for k, reason in foreign}
-        if values is not None:
-            decoded[name] = [values[i] for i in range(len(values)) if i not in reasons]
+        kept = np.setdiff1d(np.arange(len(payloads)), list(reasons))
+        if not valid.any():
+            decoded[name] = [known[payloads[i]][0] for i in kept]
         if reasons:
-            kept = np.setdiff1d(np.arange(len(recorded.payloads)), list(reasons))
             columns_ = (recorded.log_ns, recorded.publish_ns, recorded.sequence)
             recordings[name] = Recording(
                 recorded.topic,
                 *(column[kept] for column in columns_),
-                [recorded.payloads[i] for i in kept],
+                [payloads[i] for i in kept],
             )
             first = min(reasons)
             invalid[name] = InvalidMessages(len(reasons), f'message {first}: {reasons[first]}')
@@ -92,26 +104,6 @@ def describe_invalid(summary: Mapping[str, Any]) -> Iterator[str]:
         yield f'{invalid["count"]} invalid {kind} were left out; {invalid["first"]}'
 
 
-def _check(recorded) -> tuple[list[Any] | None, dict[int, str]]:
-    """Return the values of all messages, None where not all were decoded, and what is wrong."""
-    topic, payloads = recorded.topic, recorded.payloads
-    valid = obeys_contract(topic, payloads)
-    known, reasons = {}, {}
-    for i in np.flatnonzero(~valid).tolist():
-        payload = payloads[i]
-        if payload not in known:
-            try:
-                known[payload] = decode_message(topic, payload), ''
-            except DECODE_ERRORS as error:
-                reason = str(error).removeprefix(f'{topic.name}: ') or type(error).__name__
-                known[payload] = None, reason
-        if known[payload][1]:
-            reasons[i] = known[payload][1]
-    if valid.any():
-        return None, reasons
-    return [known[payload][0] for payload in payloads], reasons
-
-
 def obeys_contract(topic: BagTopic, payloads: list[bytes]) -> np.ndarray:
     """Return for each message (n,) whether it certainly obeys the contract.
 
@@ -125,40 +117,33 @@ def obeys_contract(topic: BagTopic, payloads: list[bytes]) -> np.ndarray:
     known = contract.load().topics[topic.name]
     try:
         for rows, bytes_, layout in group_by_layout(payloads, topic.schema, topic.type):
-            if _has_contract_form(known, layout):
-                obeys[rows] = _has_contract_ranges(known, bytes_, layout)
+            # frames, joint names and array lengths are those of the contract
+            texts, joints = dict(layout.strings), len(known.joints)
+            fixed = {f'name[{i}]': joint for i, joint in enumerate(known.joints)}
+            fixed |= {'header.frame_id': known.frame}
+            if known.child_frame is not None:
+                fixed['child_frame_id'] = known.child_frame
+            has_form = all(texts.pop(path, None) == text for path, text in fixed.items())
+            has_form &= not any(path.startswith('name[') for path in texts)
+            for array in JOINT_ARRAYS if joints else ():
+                length = sum(path.startswith(f'{array}[') for path in layout.numbers)
+                has_form &= length == joints
+            if not has_form:
+                continue
+            sec, nanosec = (
+                column(bytes_, layout, f'{STAMP}.{part}') for part in ('sec', 'nanosec')
+            )
+            valid = (sec > 0) | (sec == 0) & (nanosec > 0)
+            numbers = {path: column(bytes_, layout, path) for path in known.fields}
+            valid &= conformance.obeys(known.name, numbers)
+            # a JointState's unused entries, too, must be finite
+            for path in layout.numbers if joints else ():
+                if path.startswith(JOINT_ARRAYS):
+                    valid &= np.isfinite(column(bytes_, layout, path))
+            obeys[rows] = valid
     except BagError:
         return np.zeros(len(payloads), dtype=bool)
     return obeys
-
-
-def _has_contract_form(known, layout):
-    """Return whether frames, joint names and array lengths are those of the contract."""
-    texts = dict(layout.strings)
-    frames = {'header.frame_id': known.frame}
-    if known.child_frame is not None:
-        frames['child_frame_id'] = known.child_frame
-    joints = {f'name[{i}]': joint for i, joint in enumerate(known.joints)}
-    if any(texts.pop(path, None) != text for path, text in (frames | joints).items()):
-        return False
-    return not any(path.startswith('name[') for path in texts) and all(
-        sum(path.startswith(f'{array}[') for path in layout.numbers) == len(joints)
-        for array in JOINT_ARRAYS
-        if joints
-    )
-
-
-def _has_contract_ranges(known, bytes_, layout):
-    sec, nanosec = (column(bytes_, layout, f'header.stamp.{part}') for part in ('sec', 'nanosec'))
-    valid = (sec > 0) | (sec == 0) & (nanosec > 0)
-    valid &= conformance.obeys(
-        known.name, {path: column(bytes_, layout, path) for path in known.fields}
-    )
-    # a JointState's unused entries, too, must be finite
-    for path in layout.numbers if known.joints else ():
-        if path.startswith(JOINT_ARRAYS):
-            valid &= np.isfinite(column(bytes_, layout, path))
-    return valid
 
 
 def find_foreign_stamps(

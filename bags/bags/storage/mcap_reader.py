@@ -107,82 +107,67 @@ def read_mcap(file: Path, whole: bool = True) -> Contents:
         raise BagError(f'{file}: the file is empty')
     if not whole and not is_mcap(data):
         raise BagError(f'{file}: not a bag: it does not begin as an MCAP file')
-    gathering, damage = _Gathering(), []
+    has_chunks = indexed = False
+    # definitions by opcode and number, each with whether a checksum vouches for it
+    defined, heads, payloads, records, damage = {}, [], [], {}, []
     for item in scan_records(data):
         if isinstance(item, Damage):
             damage.append(item)
-        elif item.opcode == Opcode.CHUNK:
-            gathering.has_chunks = True
-            for opcode, begin, end in records_in_chunk(item.body):
-                gathering.record(opcode, item.body[begin:end], item.checked)
+            if not whole:
+                break
+            continue
+        is_chunk = item.opcode == Opcode.CHUNK
+        has_chunks |= is_chunk
         # in a file with chunks, a message outside of them is another record with a damaged opcode
-        elif item.opcode != Opcode.MESSAGE or not gathering.has_chunks:
-            gathering.record(item.opcode, item.body, trusted=False)
-        if damage and not whole:
-            break
-    return gathering.contents(tuple(damage))
+        if item.opcode == Opcode.MESSAGE and has_chunks:
+            continue
+        own = [(item.opcode, 0, len(item.body))]
+        for opcode, begin, end in records_in_chunk(item.body) if is_chunk else own:
+            body = item.body[begin:end]
+            indexed |= opcode == Opcode.STATISTICS
+            if opcode == Opcode.MESSAGE and len(body) >= MESSAGE_HEADER.itemsize:
+                heads.append(body[: MESSAGE_HEADER.itemsize])
+                payloads.append(body[MESSAGE_HEADER.itemsize :])
+            elif (record := _parse(opcode, body)) is not None:
+                if isinstance(record, Metadata):
+                    records.setdefault(record.name, record.metadata)
+                # a definition with a valid checksum has precedence
+                elif item.checked > defined.get((opcode, record.id), (None, -1))[1]:
+                    defined[opcode, record.id] = record, item.checked
+    topics = {}
+    for (opcode, number), (channel, _) in sorted(defined.items(), key=lambda entry: entry[0]):
+        schema, _ = defined.get((Opcode.SCHEMA, getattr(channel, 'schema_id', 0)), (None, False))
+        if opcode == Opcode.CHANNEL and schema and channel.message_encoding == 'cdr':
+            topics[number] = BagTopic(
+                name=channel.topic,
+                type=schema.name,
+                schema=schema.data.decode('utf-8', 'replace'),
+                type_hash=channel.metadata.get('topic_type_hash', ''),
+                qos=channel.metadata.get('offered_qos_profiles', ''),
+            )
+    heads = np.frombuffer(b''.join(heads), MESSAGE_HEADER)
+    known = np.isin(heads['channel'], list(topics))
+    if not known.all():
+        heads, payloads = heads[known], [d for d, k in zip(payloads, known) if k]
+    return Contents(
+        topics,
+        **{
+            name: np.minimum(heads[name], np.uint64(LATEST_NS)).astype(np.int64)
+            for name in MESSAGE_HEADER.names
+        },
+        payloads=payloads,
+        records=records,
+        damage=tuple(damage),
+        nameless=len(known) - len(heads),
+        indexed=indexed,
+    )
 
 
-class _Gathering:
-    """Collects definitions, messages and metadata in file order."""
-
-    def __init__(self):
-        self.has_chunks = self.indexed = False
-        self.schemas, self.channels, self.trusted = {}, {}, set()
-        self.heads, self.payloads, self.records = [], [], {}
-
-    def record(self, opcode, body, trusted):
-        self.indexed |= opcode == Opcode.STATISTICS
-        if opcode == Opcode.MESSAGE and len(body) >= MESSAGE_HEADER.itemsize:
-            self.heads.append(body[: MESSAGE_HEADER.itemsize])
-            self.payloads.append(body[MESSAGE_HEADER.itemsize :])
-            return
-        if opcode not in RECORDS:
-            return
-        stream = ReadDataStream(BytesIO(body))
-        try:
-            record = RECORDS[opcode].read(stream)
-        except (struct.error, UnicodeDecodeError, McapError):
-            return
-        if stream.count != len(body):
-            return
-        if isinstance(record, Metadata):
-            self.records.setdefault(record.name, record.metadata)
-            return
-        # a definition with a valid checksum has precedence
-        kept = self.channels if isinstance(record, Channel) else self.schemas
-        key = opcode, record.id
-        if record.id not in kept or (trusted and key not in self.trusted):
-            kept[record.id] = record
-            if trusted:
-                self.trusted.add(key)
-
-    def contents(self, damage):
-        topics = {}
-        for id_, channel in sorted(self.channels.items()):
-            schema = self.schemas.get(channel.schema_id)
-            if schema is not None and channel.message_encoding == 'cdr':
-                topics[id_] = BagTopic(
-                    name=channel.topic,
-                    type=schema.name,
-                    schema=schema.data.decode('utf-8', 'replace'),
-                    type_hash=channel.metadata.get('topic_type_hash', ''),
-                    qos=channel.metadata.get('offered_qos_profiles', ''),
-                )
-        heads = np.frombuffer(b''.join(self.heads), MESSAGE_HEADER)
-        known = np.isin(heads['channel'], list(topics))
-        payloads = self.payloads
-        if not known.all():
-            heads, payloads = heads[known], [d for d, k in zip(payloads, known) if k]
-        return Contents(
-            topics,
-            **{
-                name: np.minimum(heads[name], np.uint64(LATEST_NS)).astype(np.int64)
-                for name in MESSAGE_HEADER.names
-            },
-            payloads=payloads,
-            records=self.records,
-            damage=damage,
-            nameless=len(known) - len(heads),
-            indexed=self.indexed,
-        )
+def _parse(opcode, body):
+    """Return a record of RECORDS; None for another one, and for one that is not as long."""
+    stream = ReadDataStream(BytesIO(body))
+    try:
+        record = RECORDS[opcode].read(stream)
+    except (KeyError, struct.error, UnicodeDecodeError, McapError):
+        return None
+    return record if stream.count == len(body) else None

@@ -152,7 +152,25 @@ def _chunk_contents(body):
     try:
         *_, size, checksum, codec_length = CHUNK_HEADER.unpack_from(body)
         codec = body[CHUNK_HEADER.size : CHUNK_HEADER.size + codec_length]
-        contents = _decompressed(codec, body[CHUNK_HEADER.size + codec_length + SIZE.size :], size)
+        data = body[CHUNK_HEADER.size + codec_length + SIZE.size :]
+        if size > LARGEST_CHUNK:
+            raise ValueError('the head of a chunk is wrong')
+        if codec == b'zstd':
+            # a frame that claims another size would get that much memory
+            if zstandard.frame_content_size(data) not in (size, UNKNOWN_SIZE):
+                raise ValueError('the head of a chunk is wrong')
+            # one without a size is limited to that of the chunk: a megabyte may unpack to many
+            unpack = zstandard.ZstdDecompressor().decompress
+            contents = unpack(data, max_output_size=size, allow_extra_data=False)
+        elif codec == b'lz4':
+            frame = lz4.frame.LZ4FrameDecompressor()
+            contents = frame.decompress(data, max_length=size + 1)
+            if not frame.eof or frame.unused_data:
+                raise ValueError('a chunk is not as long as its head says')
+        elif codec == b'':
+            contents = data
+        else:
+            raise ValueError(f'a chunk is compressed by {codec!r}, which is unknown')
     except (struct.error, zstandard.ZstdError, RuntimeError, MemoryError) as error:
         raise ValueError(f'a chunk is damaged: {error}') from error
     if len(contents) != size:
@@ -160,27 +178,6 @@ def _chunk_contents(body):
     if checksum not in (0, zlib.crc32(contents)):
         raise ValueError('a chunk is damaged: its checksum disagrees')
     return contents, checksum != 0
-
-
-def _decompressed(codec, data, size):
-    if size > LARGEST_CHUNK:
-        raise ValueError('the head of a chunk is wrong')
-    if codec == b'zstd':
-        # a frame that claims another size would get that much memory
-        if zstandard.frame_content_size(data) not in (size, UNKNOWN_SIZE):
-            raise ValueError('the head of a chunk is wrong')
-        # one without a size is limited to that of the chunk: a megabyte may unpack to many
-        unpack = zstandard.ZstdDecompressor().decompress
-        return unpack(data, max_output_size=size, allow_extra_data=False)
-    if codec == b'lz4':
-        frame = lz4.frame.LZ4FrameDecompressor()
-        contents = frame.decompress(data, max_length=size + 1)
-        if not frame.eof or frame.unused_data:
-            raise ValueError('a chunk is not as long as its head says')
-        return contents
-    if codec == b'':
-        return data
-    raise ValueError(f'a chunk is compressed by {codec!r}, which is unknown')
 
 
 def _decompress_part(body, length):

@@ -188,7 +188,7 @@ class Filing:
                 self._check(received_ns, SLACK_NS, 'the clock of the machine was set back')
             self._last_log_ns = received_ns
             self.counter.add(sequence)
-            self._file(received_ns, data, source_ns, sequence)
+            self._write(received_ns, source_ns or received_ns, data, sequence or 0)
             return
         time, stamp_ns = self._time, None
         if self._is_stamped:
@@ -254,9 +254,6 @@ class Filing:
             self.misdated += 1
             self.first_misdated = self.first_misdated or (stamp_ns, log_ns)
         time.filed_ns = max(time.filed_ns, log_ns)
-        self._file(log_ns, data, source_ns, sequence)
-
-    def _file(self, log_ns, data, source_ns, sequence):
         self._write(log_ns, source_ns or log_ns, data, sequence or 0)
 
     def _check(self, log_ns, slack_ns, cause):

@@ -107,7 +107,25 @@ def load(path: Path | str) -> Bag:
     records = {}
     for file in contents:
         records = file.records | records
-    return Bag(bag_path, tuple(files), _by_topic(bag_path, contents), records, damage)
+    # by topic: the descriptions in each file, the file, and its rows
+    parts: dict[str, list[tuple]] = {}
+    for file in contents:
+        for name in dict.fromkeys(topic.name for topic in file.topics.values()):
+            numbers = [number for number, topic in file.topics.items() if topic.name == name]
+            rows = np.flatnonzero(np.isin(file.channel, numbers))
+            parts.setdefault(name, []).append(([file.topics[n] for n in numbers], file, rows))
+    recordings = {}
+    for name, each in parts.items():
+        described = [topic for topics, _, _ in each for topic in topics]
+        if len({topic.type for topic in described}) > 1:
+            raise BagError(f'{bag_path}: {name} has messages of two types')
+        times = (
+            np.concatenate([getattr(file, column)[rows] for _, file, rows in each])
+            for column in ('log_ns', 'publish_ns', 'sequence')
+        )
+        payloads = [data for _, file, rows in each for data in map(file.payloads.__getitem__, rows)]
+        recordings[name] = Recording(described[-1], *times, payloads)
+    return Bag(bag_path, tuple(files), recordings, records, damage)
 
 
 def columns(bag: Bag | Path | str, topics: Iterable[str] | None = None) -> dict[str, Columns]:
@@ -125,7 +143,13 @@ def columns(bag: Bag | Path | str, topics: Iterable[str] | None = None) -> dict[
         topics = [
             n for n, recorded in bag.recordings.items() if recorded.payloads and n in DECODERS
         ]
-    zero_ns = _zero_ns(bag)
+    # the stamp of the first state; of the first message without any state
+    zero_ns = min((int(r.log_ns[0]) for r in bag.recordings.values() if r.payloads), default=0)
+    if has_messages(bag, STATE):
+        try:
+            zero_ns = int(header_stamps_ns(STATE, bag.recordings[STATE].payloads[:1])[0])
+        except BagError as error:
+            raise BagError(f'{bag.path}: {error}') from error
     return {name: _table(bag, name, zero_ns) for name in topics}
 
 
@@ -166,40 +190,6 @@ def has_messages(bag: Bag, *topics: str) -> bool:
 
 def _loaded(bag):
     return bag if isinstance(bag, Bag) else load(bag)
-
-
-def _by_topic(path, contents):
-    """Concatenate the messages of each topic over the files."""
-    parts = {}
-    for file in contents:
-        channels = {}
-        for channel, topic in file.topics.items():
-            channels.setdefault(topic.name, []).append(channel)
-        for name, numbers in channels.items():
-            rows = np.flatnonzero(np.isin(file.channel, numbers))
-            parts.setdefault(name, []).append(([file.topics[n] for n in numbers], file, rows))
-    recordings = {}
-    for name, each in parts.items():
-        described = [topic for topics, _, _ in each for topic in topics]
-        if len({topic.type for topic in described}) > 1:
-            raise BagError(f'{path}: {name} has messages of two types')
-        times = (
-            np.concatenate([getattr(file, column)[rows] for _, file, rows in each])
-            for column in ('log_ns', 'publish_ns', 'sequence')
-        )
-        payloads = [data for _, file, rows in each for data in map(file.payloads.__getitem__, rows)]
-        recordings[name] = Recording(described[-1], *times, payloads)
-    return recordings
-
-
-def _zero_ns(bag):
-    """Return the stamp of the first state; of the first message without any state; else 0."""
-    if has_messages(bag, STATE):
-        try:
-            return int(header_stamps_ns(STATE, bag.recordings[STATE].payloads[:1])[0])
-        except BagError as error:
-            raise BagError(f'{bag.path}: {error}') from error
-    return min((int(r.log_ns[0]) for r in bag.recordings.values() if r.payloads), default=0)
 
 
 def _table(bag, name, zero_ns):

@@ -72,28 +72,34 @@ def repair_bag(path: Path | str) -> Repair:
     topics = {topic.name: topic for file in contents for topic in file.topics.values()}
     if not topics:
         raise BagError(f'{bag_path}: nothing can be recovered: no topic is described in it')
-    described = tuple(topics.values())
-    repaired = [_repair_file(*pair, described) for pair in zip(files, contents)]
+    described, repaired = tuple(topics.values()), []
+    for file, content in zip(files, contents):
+        kept = None
+        if not content.indexed or content.damage:
+            kept = _replace(file, content, described)
+        counts = Counter(content.topics[channel].name for channel in content.channel.tolist())
+        times = content.log_ns if len(content.log_ns) else np.zeros(1, dtype=np.int64)
+        span = Span(len(content.payloads), int(times.min()), int(times.max()))
+        facts = FileFacts(file.name, span, counts)
+        repaired.append(FileRepair(file, kept, content.damage, facts, content.nameless))
     information = build_metadata(described, [file.facts for file in repaired])
     counts = sum((file.facts.counts for file in repaired), Counter())
+    folder, wrote_metadata = files[0].parent, False
+    if Path(path).is_dir() or information['relative_file_paths'] == [mcap_name(folder)]:
+        try:
+            written = yaml.safe_load((folder / METADATA).read_text(encoding='utf-8'))[INFORMATION]
+            wrote_metadata = any(written[key] != information[key] for key in COMPARED)
+        except (OSError, TypeError, *YAML_ERRORS):
+            wrote_metadata = True
+    if wrote_metadata:
+        write_metadata(folder, information)
     return Repair(
         path=bag_path,
         files=tuple(repaired),
         missing=tuple(filter(None, map(missing_before, files[1:], files))),
-        wrote_metadata=_complete_folder(files[0].parent, information, Path(path).is_dir()),
+        wrote_metadata=wrote_metadata,
         messages={topic.name: counts[topic.name] for topic in described},
     )
-
-
-def _repair_file(file, contents, described):
-    kept = None
-    if not contents.indexed or contents.damage:
-        kept = _replace(file, contents, described)
-    times = contents.log_ns if len(contents.log_ns) else np.zeros(1, dtype=np.int64)
-    counts = Counter(contents.topics[channel].name for channel in contents.channel.tolist())
-    span = Span(len(contents.payloads), int(times.min()), int(times.max()))
-    facts = FileFacts(file.name, span, counts)
-    return FileRepair(file, kept, contents.damage, facts, contents.nameless)
 
 
 def _replace(file, contents, described):
@@ -111,10 +117,8 @@ def _replace(file, contents, described):
             new.write(index[channel], log_ns, publish_ns, data, sequence)
         new.close({})
         # an earlier repair may have left a file there
-        names = (
-            f'{file.name}{KEPT}{number or ""}'
-            for number in itertools.chain([0], itertools.count(2))
-        )
+        numbers = itertools.chain([''], itertools.count(2))
+        names = (f'{file.name}{KEPT}{number}' for number in numbers)
         kept = next(path for path in map(file.with_name, names) if not path.exists())
         try:
             os.link(file, kept)
@@ -125,21 +129,6 @@ def _replace(file, contents, described):
         draft.unlink(missing_ok=True)
         raise BagError(f'{file}: cannot be repaired: {error}; it is unchanged') from error
     return kept
-
-
-def _complete_folder(folder, information, is_bag):
-    """Write metadata.yaml into the folder of a bag unless it describes these messages already."""
-    if not is_bag and information['relative_file_paths'] != [mcap_name(folder)]:
-        return False
-    try:
-        text = (folder / METADATA).read_text(encoding='utf-8')
-        written = yaml.safe_load(text)[INFORMATION]
-        if all(written[key] == information[key] for key in COMPARED):
-            return False
-    except (OSError, TypeError, *YAML_ERRORS):
-        pass
-    write_metadata(folder, information)
-    return True
 
 
 def describe_repair(repair: Repair) -> str:

@@ -79,17 +79,18 @@ class ShapeParams(Struct):
 
 
 def vehicle_shapes(
-    state: VehicleState, friction_use: Mapping[str, float], outline: OutlineParams
+    state: VehicleState, why: Mapping[str, float | str], outline: OutlineParams
 ) -> list[Shape]:
-    """Return the car with its true outline, and a bar of the friction use F / (mu F_z) per axle."""
-    edge = geometry.Outline(outline.front_m, outline.rear_m, outline.width_m)
-    pose = state.X, state.Y, state.psi
-    (corners,) = (shape.points for shape in scene.car_shapes(*pose, edge))
+    """Return the car with its true outline, and a bar of the friction use F / (mu F_z) per axle.
+
+    `why` are the values of /controller/why; an axle of which they have no finite use has no bar.
+    """
+    pose, edge = (state.X, state.Y, state.psi), geometry.Outline(*vars(outline).values())
+    corners = scene.car_shapes(*pose, edge)[0].points
     size = (outline.front_m + outline.rear_m, outline.width_m, CAR_HEIGHT_M)
 
     def ahead(distance, height):
-        X, Y = state.X + distance * np.cos(state.psi), state.Y + distance * np.sin(state.psi)
-        return float(X), float(Y), height
+        return *geometry.transform_to_map((distance, 0.0), *pose).tolist(), height
 
     middle = ahead((outline.front_m - outline.rear_m) / 2, CAR_HEIGHT_M / 2)
     shapes = [
@@ -98,8 +99,9 @@ def vehicle_shapes(
     ]
     length, width, full = BAR_M
     for k, (axle, place) in enumerate(zip(AXLES, (outline.front_m / 2, -outline.rear_m / 2))):
-        if axle in friction_use:
-            use = min(max(friction_use[axle], 0.0), 1.0)
+        use = report_number(why, f'friction.{axle}')
+        if np.isfinite(use):
+            use = min(max(use, 0.0), 1.0)
             height = max(use * full, FLAT_M)
             look = (*_mix(GREEN, RED, use).tolist(), 0.95)
             bar, above = (CAR_HEIGHT_M + h for h in (height / 2, height + LETTER_M))
@@ -148,7 +150,10 @@ def prediction_shapes(
     shapes = []
     if len(points) > 1:
         speed = np.hypot(*np.diff(points, axis=0).T) / np.diff(plan.t)
-        colours = speed_colours(np.append(speed, speed[-1]))
+        speed = np.append(speed, speed[-1])
+        # FAST is the largest speed of the plan, SLOW is SPEED_SPAN_MPS below it
+        share = np.clip(1.0 - (speed.max() - speed) / SPEED_SPAN_MPS, 0.0, 1.0)
+        colours = np.column_stack([_mix(SLOW, FAST, share[:, None]), np.ones(len(speed))])
         horizon = _line('horizon', 0, points, _rgba(style.KNOWN['mpcc']))
         shapes.append(horizon._replace(colours=colours))
     if reference is not None:
@@ -161,29 +166,12 @@ def prediction_shapes(
     return shapes
 
 
-def friction_use(why: Mapping[str, float | str]) -> dict[str, float]:
-    """Return F / (mu F_z) by axle from the values of /controller/why, where they are finite."""
-    uses = {axle: report_number(why, f'friction.{axle}') for axle in AXLES}
-    return {axle: use for axle, use in uses.items() if np.isfinite(use)}
-
-
-def speed_colours(speed: np.ndarray) -> np.ndarray:
-    """Return colours (n, 4) of speeds (n,) [m/s], from SLOW to FAST.
-
-    FAST is the largest speed of the plan, SLOW is SPEED_SPAN_MPS below it.
-    """
-    share = np.clip((speed - (speed.max() - SPEED_SPAN_MPS)) / SPEED_SPAN_MPS, 0.0, 1.0)
-    return np.column_stack([_mix(SLOW, FAST, share[:, None]), np.ones(len(speed))])
-
-
 def _mix(colour, other, share):
     return colour + share * (other - colour)
 
 
 def _rgba(hex_colour: str, opacity=1.0):
-    digits = hex_colour.lstrip('#')
-    red, green, blue = (int(digits[k : k + 2], 16) / 255 for k in (0, 2, 4))
-    return (red, green, blue, opacity)
+    return *(part / 255 for part in bytes.fromhex(hex_colour.lstrip('#'))), opacity
 
 
 def _line(ns, number, points, colour):
@@ -227,13 +215,11 @@ class MarkerScene:
     def update(self, topic: str, value: Any) -> list[Drawing]:
         """Store a value of `msgs_yaml.types`; return what it changes in the scene."""
         self._latest[topic] = value
-        if topic == PLAN:
-            drawn = prediction_shapes(value, self._latest.get(REFERENCE))
-            return [Drawing(PREDICTION, value.stamp_ns, drawn)]
         plan = self._latest.get(PLAN)
-        if topic == WHY and plan is not None and plan.stamp_ns == value.stamp_ns:
-            lines = candidate_lines(value.values)
-            if not lines:
+        if topic in (PLAN, WHY):
+            lines = candidate_lines(value.values) if topic == WHY else []
+            # a report draws the plan of its tick again, with those that were not chosen
+            if topic == WHY and not (lines and plan and plan.stamp_ns == value.stamp_ns):
                 return []
             drawn = prediction_shapes(plan, self._latest.get(REFERENCE), lines)
             return [Drawing(PREDICTION, value.stamp_ns, drawn)]
@@ -241,8 +227,7 @@ class MarkerScene:
             return []
         self._due_ns = value.stamp_ns + PERIOD_NS
         why, message = self._latest.get(WHY), self._latest.get(OBSTACLES)
-        use = friction_use(why.values) if why else {}
         obstacles, edges = message.items if message else (), self._latest.get(EDGES)
-        car = vehicle_shapes(value, use, self.params.outline)
+        car = vehicle_shapes(value, why.values if why else {}, self.params.outline)
         areas = safety_shapes(value, obstacles, edges, self.params.safety)
         return [Drawing(VEHICLE, value.stamp_ns, car), Drawing(SAFETY, value.stamp_ns, areas)]

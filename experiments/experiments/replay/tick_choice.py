@@ -9,7 +9,6 @@ from bags.evaluation import metrics
 from bags.evaluation.drive import drive_from_columns
 from bags.evaluation.metrics import outcome
 from bags.evaluation.metrics.registry import EvaluatedDrive
-from bags.evaluation.series import compute_series
 from bags.storage import read
 from bags.storage.invalid_messages import drop_invalid
 from experiments.replay import recorded_ticks
@@ -46,9 +45,8 @@ def choose(
     stamps = np.array([tick.stamp_ns for tick in recorded_ticks.read_ticks(bag)])
     t = (stamps - stamps[0]) * NS
     columns = read.columns(drop_invalid(bag), recorded_ticks.NEEDED)
-    drive = drive_from_columns(columns, bag.run_info, str(bag.path))
-    series = compute_series(drive)
-    stations = np.interp(stamps, drive.motion.stamp_ns, series.station)
+    run = EvaluatedDrive(drive_from_columns(columns, bag.run_info, str(bag.path)))
+    stations = run.station_at(stamps)
     because = ''
     if time is not None:
         _check(bag, 'time', time, 0.0, t[-1], 's')
@@ -58,15 +56,15 @@ def choose(
         _check(bag, 'station', station, stations[0], stations.max(), 'm')
         number = max(int(np.argmax(stations > station)) - 1, 0)
     elif event == 'fallback':
-        (rows,) = np.nonzero(drive.ticks.fallback)
+        (rows,) = np.nonzero(run.drive.ticks.fallback)
         if not rows.size:
             raise BagError(f'{bag.path}: every tick followed a fresh plan')
         number, because = int(rows[0]), EVENTS[event]
     elif event == LOSS:
-        number, because = _before_loss(bag, drive, series, stamps)
+        number, because = _before_loss(bag, run, stamps)
     else:
-        row, because = _extreme(bag, event, series)
-        stamp = drive.motion.stamp_ns[row]
+        row, because = _extreme(bag, event, run.series)
+        stamp = run.stamp_ns[row]
         number = max(int(np.searchsorted(stamps, stamp, side='right')) - 1, 0)
     return ChosenTick(number, float(t[number]), float(stations[number]), because)
 
@@ -78,19 +76,18 @@ def _check(bag, what, value, low, high, unit):
         )
 
 
-def _before_loss(bag, drive, series, stamps):
-    values = metrics.compute_metrics(drive, series)
-    losses = outcome.find_losses(EvaluatedDrive(drive, series), values)
+def _before_loss(bag, run, stamps):
+    losses = outcome.find_losses(run, metrics.metrics_of(run))
     if not losses:
         raise BagError(
             f'{bag.path}: the car neither collided nor left the road nor slid; --at closest shows '
             'the least distance to an obstacle'
         )
     row, what = losses[0]
-    stamp = drive.motion.stamp_ns[row] - LEAD_S / NS
+    stamp = run.stamp_ns[row] - LEAD_S / NS
     number = max(int(np.searchsorted(stamps, stamp, side='right')) - 1, 0)
-    lead = (drive.motion.stamp_ns[row] - stamps[number]) * NS
-    return number, f'{lead:.1f} s before station {series.station[row]:.0f} m, where it {what}'
+    lead = (run.stamp_ns[row] - stamps[number]) * NS
+    return number, f'{lead:.1f} s before station {run.series.station[row]:.0f} m, where it {what}'
 
 
 def _extreme(bag, event, series):

@@ -15,7 +15,6 @@ from bags.evaluation.metrics import survival
 from bags.evaluation.metrics.outcome import SLIDING_DEG
 from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.evaluation.metrics.survival import SHOULDER_M, SLIDING_FROM_MPS
-from bags.evaluation.series import compute_series
 from experiments.survivable.emergency import Emergency, Rollout
 from msgs_yaml.conversions import NS_PER_S
 from vehicle_plant.simulator import TICK_NS
@@ -100,5 +99,4 @@ class Judge:
 
 def survives(drive: Drive) -> bool:
     """Return whether a whole drive counts as survived, by the metric of that name."""
-    run = EvaluatedDrive(drive, compute_series(drive))
-    return run.value(survival.survived) is True
+    return EvaluatedDrive(drive).value(survival.survived) is True

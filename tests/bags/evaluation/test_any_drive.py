@@ -8,6 +8,7 @@ from evaluated_drives import compare_drives
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from straight_drive import obstacle
 
 from bags.errors import BagError
 from bags.evaluation import metrics
@@ -60,12 +61,8 @@ def any_drive(draw, facts, scene):
 def road(make_drive):
     """Return facts and scene: a straight road with two obstacles, one soon gone."""
     drive = make_drive(least_speed=7.0)
-    still = np.zeros(101)
     absent = np.where(np.arange(101) < 2, 30.0, np.nan)
-    crowd = (
-        Obstacle(1, still + 50.0, still + 2.0, still, still, 1.0),
-        Obstacle(7, absent, absent, absent, absent, 1.0),
-    )
+    crowd = (obstacle(1, 50.0, 2.0), Obstacle(7, absent, absent, absent, absent, 1.0))
     return drive.facts, drive.scene._replace(obstacles=crowd)
 
 

@@ -4,10 +4,10 @@ import json
 
 import numpy as np
 import pytest
+from straight_drive import obstacle
 
 from bags.errors import BagError
 from bags.evaluation import frame_distances
-from bags.evaluation.drive import Obstacle
 from bags.figures import frame_distance_figure
 
 RADIUS, REACH, SPEED = 20.0, 2.1, 9.0
@@ -72,14 +72,9 @@ def lap(make_drive, turn=1.0, beside=0.0, obstacles=1):
         return reach * np.sin(s / RADIUS), turn * (RADIUS - reach * np.cos(s / RADIUS))
 
     places = [at(60.0 + 5.0 * k, 1.0) for k in range(obstacles)]
-    still = np.zeros(101)
     result = make_drive(metres=100.0)
-    scene = result.scene._replace(
-        reference=np.column_stack(at(s, 0.0)),
-        obstacles=tuple(
-            Obstacle(k, still + x, still + y, still, still, 1.0) for k, (x, y) in enumerate(places)
-        ),
-    )
+    crowd = tuple(obstacle(k, *place) for k, place in enumerate(places))
+    scene = result.scene._replace(reference=np.column_stack(at(s, 0.0)), obstacles=crowd)
     x, y = at(1.2 * result.motion.x, beside)
     yaw = turn * 1.2 * result.motion.x / RADIUS
     return result._replace(motion=result.motion._replace(x=x, y=y, yaw=yaw), scene=scene)
@@ -94,8 +89,8 @@ def test_recorded_poses_give_the_closed_forms_of_where_they_are(make_drive, turn
     driven = frame_distances.driven_distances(result, circle)
     assert driven.inside == pytest.approx(np.full(len(driven.inside), 0.3), abs=1e-9)
     assert driven.station == pytest.approx(np.linspace(0.0, 120.0, 5001), abs=1e-9)
-    for own, inside in ((driven.distances, circle.inside), (driven.beyond, -circle.inside)):
-        gap = driven.station - circle.station
+    for side, own in driven.distances.items():
+        gap, inside = driven.station - circle.station, circle.sides[side]
         closed = frame_distances.circle_distances(RADIUS, gap, inside, REACH, driven.inside)
         assert own.cartesian == pytest.approx(closed.cartesian, abs=1e-9)
         assert own.frenet == pytest.approx(closed.frenet, abs=1e-9)

@@ -175,6 +175,6 @@ def test_points_of_an_outline_begin_and_end_at_its_corners():
 
 def test_the_gap_vanishes_on_the_outline_that_is_drawn():
     skewed = geometry.Outline(front=2.0, rear=2.8, width=1.8)
-    for corner in geometry.outline_corners(3.0, -1.0, 0.7, skewed):
+    for corner in geometry.transform_to_map(skewed.corners, 3.0, -1.0, 0.7):
         gap = geometry.gap_to_circle(3.0, -1.0, 0.7, skewed, *corner, 0.0)
         assert gap == pytest.approx(0.0, abs=1e-12)

@@ -8,12 +8,12 @@ import json
 
 import numpy as np
 import pytest
-from straight_drive import MS, START_NS, drive_of, straight_scene
+from straight_drive import MS, START_NS, drive_of, obstacle, straight_scene
 
 from bags.errors import BagError
 from bags.evaluation import drive as drives
 from bags.evaluation import metrics
-from bags.evaluation.drive import Obstacle, Ticks
+from bags.evaluation.drive import Ticks
 from bags.evaluation.metrics import driving
 from bags.evaluation.metrics.registry import EvaluatedDrive
 
@@ -37,15 +37,9 @@ def near(value, tolerance=None):
     return pytest.approx(value, abs=tolerance)
 
 
-def past(*places, radius=1.0, **facts):
+def past(*places, **facts):
     """Return the scene of obstacles at (x, y) or (x, y, vx, vy), numbered 1, 2, ..."""
-    t = np.arange(101) * 0.05
-    crowd = []
-    for number, (x, y, *velocity) in enumerate(places, start=1):
-        vx, vy = velocity or (0.0, 0.0)
-        still = np.ones(len(t))
-        item = Obstacle(number, x + vx * t, y + vy * t, vx * still, vy * still, radius)
-        crowd.append(item)
+    crowd = [obstacle(number, *place) for number, place in enumerate(places, start=1)]
     return straight_scene(crowd)._replace(**facts)
 
 
@@ -81,11 +75,6 @@ def planned(drive, converged=True):
     at = (stamp_ns - START_NS) * 1e-9 * 20.0
     values = converged(at) if callable(converged) else np.full(len(at), converged)
     return put(drive, 'ticks', stamp_ns=stamp_ns, converged=values)
-
-
-def judged(drive):
-    """Return a drive whose wheels are known, which the judge of emergencies needs."""
-    return put(drive, 'facts', wheels=WHEELS)
 
 
 def dip(x):
@@ -441,7 +430,7 @@ def test_planned_braking_begins_where_the_force_first_stays_at_the_threshold(dri
     ],
 )
 def test_the_judge_of_emergencies_names_the_first_cause(drive, lost_by, off):
-    result = metrics.compute_metrics(judged(drive))
+    result = metrics.compute_metrics(put(drive, 'facts', wheels=WHEELS))
     assert (result['lost_by'], result['survived']) == (lost_by, lost_by is None)
     assert result['wheel_off_road_m'] == off
     assert result['stopped'] is bool(np.hypot(drive.motion.vx[-1], drive.motion.vy[-1]) < 0.5)
@@ -475,27 +464,25 @@ def test_the_distance_of_the_outline_to_an_edge_is_that_of_its_farthest_corner(y
 )
 def test_a_car_that_follows_another_at_the_end_survives(ahead, aside, speed, follows):
     """The car drives 50 m at 20 m/s; the other one is `ahead` of its nose at the end."""
-    t = np.arange(101) * 0.05 - 2.5
-    still = np.zeros(len(t))
+    other = obstacle(1, 50.0 + 2.4 + 1.0 + ahead - 2.5 * speed, aside, speed)
     # it comes at the end: nothing touches before
-    x = np.where(t < -0.1, np.nan, 50.0 + 2.4 + 1.0 + ahead + speed * t)
-    scene = straight_scene([Obstacle(1, x, still + aside, still + speed, still, 1.0)])
-    result = metrics.compute_metrics(judged(drive_of(metres=50.0, scene=scene)))
+    is_there = np.arange(101) * 0.05 >= 2.4
+    scene = straight_scene([other._replace(x=np.where(is_there, other.x, np.nan))])
+    result = metrics.compute_metrics(drive_of(metres=50.0, scene=scene, wheels=WHEELS))
     assert result['following'] is result['survived'] is follows
 
 
 def test_jerk_is_that_of_what_was_measured():
-    slope = put(drive_of(), 'accelerations', ay=lambda x: 3.0 * x / 20.0)
-
-    def jerk(keep=slice(None), **columns):
-        part = slope.accelerations._replace(**columns)
-        part = type(part)(*(column[keep] for column in part))
-        return driving.rms_lat_jerk_mps3(EvaluatedDrive(slope._replace(accelerations=part)))
-
-    ay = slope.accelerations.ay
-    assert jerk(ay=np.where(np.arange(len(ay)) % 500 < 50, np.nan, ay)) == near(3.0)
-    assert jerk(slice(50)) is None
-    assert jerk(ay=np.full(len(ay), np.nan)) is None
+    slope = measured(lambda x: 3.0 * x / 20.0)
+    acc = slope.accelerations
+    torn = np.where(np.arange(len(acc.ay)) % 500 < 50, np.nan, acc.ay)
+    for part, jerk in (
+        (acc._replace(ay=torn), near(3.0)),
+        (type(acc)(*(column[:50] for column in acc)), None),
+        (acc._replace(ay=np.full(len(acc.ay), np.nan)), None),
+    ):
+        run = EvaluatedDrive(slope._replace(accelerations=part))
+        assert driving.rms_lat_jerk_mps3(run) == jerk
 
 
 @pytest.mark.parametrize(

@@ -9,16 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from matplotlib.figure import Figure
-from straight_drive import drive_of, straight_scene
+from straight_drive import drive_of, obstacle, straight_scene
 
-from bags.evaluation.drive import Obstacle
 from bags.figures import comparison_figures, panels, style
 from bags.report import interactive_panels
-
-
-def obstacle(number, x, y, vx=0.0, radius=1.0):
-    still = np.zeros(101)
-    return Obstacle(number, x + vx * np.arange(101) * 0.05, still + y, still + vx, still, radius)
 
 
 @pytest.fixture(scope='module')

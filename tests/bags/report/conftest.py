@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from capabilities import chromium, require
 from evaluated_drives import evaluate_runs
+from straight_drive import obstacle, straight_scene
 from tornado.httpclient import AsyncHTTPClient
 from tornado.websocket import websocket_connect
 
 from bags.evaluation import metrics
 from bags.evaluation.controller_log import ControllerLog
-from bags.evaluation.drive import Obstacle
 from bags.report import page
 from msgs_yaml.types import Prediction
 
@@ -35,13 +35,7 @@ FLAGS = (
 @pytest.fixture(scope='session')
 def drives(make_drive):
     """Return two drives past an obstacle that stands and one that moves."""
-    still, ones = np.zeros(101), np.ones(101)
-    scene = make_drive().scene._replace(
-        obstacles=(
-            Obstacle(1, 60.0 * ones, -3.5 * ones, still, still, 1.0),
-            Obstacle(2, np.linspace(20.0, 45.0, 101), 4.0 * ones, 5.0 * ones, still, 0.5),
-        )
-    )
+    scene = straight_scene((obstacle(1, 60.0, -3.5), obstacle(2, 20.0, 4.0, 5.0, radius=0.5)))
     return {
         'mpcc': make_drive(scene=scene, y=lambda x: 0.3 * np.sin(x / 15.0)),
         'own': make_drive(scene=scene, controller='own', force=lambda x: -20.0 * x),
@@ -87,15 +81,15 @@ def runs(drives, logs):
 
 @pytest.fixture(scope='session')
 def material(runs):
-    result = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
-    return page.ReportData({'scenario': 'straight', 'runs': result}, runs)
+    result = {run.name: metrics.metrics_of(run) for run in runs}
+    return {'scenario': 'straight', 'runs': result}
 
 
 @pytest.fixture(scope='session')
-def report(material, tmp_path_factory):
+def report(material, runs, tmp_path_factory):
     """Return the path of the report."""
     file = tmp_path_factory.mktemp('report') / page.REPORT_FILE
-    file.write_text(page.report_html(material))
+    file.write_text(page.report_html(material, runs))
     return file
 
 

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from evaluated_drives import compare_drives, evaluate_runs
 from rich.console import Console
-from straight_drive import drive_of
+from straight_drive import drive_of, obstacle, straight_scene
 
 from bags import cli, metrics_table
 from bags.errors import BagError
 from bags.evaluation import metrics
-from bags.evaluation.drive import Obstacle
 from bags.evaluation.metrics import registry
 from bags.figures import comparison_figures
 from bags.report import comparison as comparison_module
@@ -52,12 +51,6 @@ def again(drives, comparison, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(comparison_figures, 'write_figures', lambda *given: None)
         return compare_drives(drives, folder, {'damage': DAMAGE})
-
-
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Draw no figures, which takes seconds."""
-    monkeypatch.setattr(comparison_figures, 'write_figures', lambda *given: None)
 
 
 @pytest.fixture(scope='module')
@@ -164,19 +157,19 @@ def test_ticks_in_which_the_solver_stopped_early_are_counted_below_the_table(com
 
 
 @pytest.mark.parametrize(
-    ('faster', 'named', 'of_paper'), [(0.0, 'mine', True), (1.2, 'mine', False)]
+    ('faster', 'named', 'of_paper'),
+    [(0.0, 'mine', True), (1.2, 'mine', False), (1.2, 'double_lane_change', False)],
 )
 def test_the_manoeuvre_of_the_paper_has_its_solve_times_whatever_it_is_called(
     undrawn, tmp_path, faster, named, of_paper
 ):
     scenario = load_scenario('double_lane_change')
     ((_, speed),) = scenario.speeds
-    still = np.zeros(101)
-    obstacles = tuple(
-        Obstacle(k, still + one.X, still + one.Y, still, still, one.r_obs)
-        for k, one in enumerate(scenario.obstacles.items, 1)
-    )
-    scene = drive_of().scene._replace(obstacles=obstacles, desired_mps=speed + faster)
+    crowd = [
+        obstacle(k, item.X, item.Y, radius=item.r_obs)
+        for k, item in enumerate(scenario.obstacles.items, 1)
+    ]
+    scene = straight_scene(crowd)._replace(desired_mps=speed + faster)
     result = compare_drives({'mpcc': drive_of(scene=scene, scenario=named)}, tmp_path)
     shown = printed(result)
     assert ('of_paper' in result.values) == of_paper
@@ -184,11 +177,6 @@ def test_the_manoeuvre_of_the_paper_has_its_solve_times_whatever_it_is_called(
     assert (metrics_table.PAPER_NOTE.split()[-1] in shown) == of_paper
     lines = [line.split()[-1] for line in shown.splitlines() if 'solve time, ' in line]
     assert (lines[0], lines[-1]) == (('15.6', '18.6') if of_paper else ('5.0', '5.0'))
-
-
-def test_the_name_of_a_scenario_makes_it_no_manoeuvre_of_the_paper(drives):
-    facts = drives['mpcc'].facts._replace(scenario='double_lane_change')
-    assert metrics_table.drives_of_paper([drives['mpcc']._replace(facts=facts)]) == {}
 
 
 def test_figures_are_drawn_and_the_same_runs_give_the_same(drives, comparison, tmp_path):

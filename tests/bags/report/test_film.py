@@ -7,10 +7,9 @@ import pytest
 from evaluated_drives import evaluate_runs
 from matplotlib.figure import Figure
 from PIL import Image
+from straight_drive import obstacle, straight_scene
 
-from bags import cli
 from bags.errors import BagError
-from bags.evaluation.drive import Obstacle
 from bags.figures import film
 from bags.figures.film import FilmOptions
 
@@ -73,10 +72,8 @@ def test_what_the_car_reacts_to_is_in_view(runs, make_drive):
     plan = runs[0].log.predictions[0]
     far = plan._replace(X=plan.X[0] + np.linspace(0.0, 80.0, len(plan.X)))
     log = runs[0].log._replace(predictions=[far])
-    item = make_drive()
-    still = np.zeros(101)
-    coming = Obstacle(1, still + 60.0, np.linspace(9.0, 4.0, 101), still, still - 2.0, 0.4)
-    (run,) = evaluate_runs({'mpcc': item._replace(scene=item.scene._replace(obstacles=(coming,)))})
+    coming = obstacle(1, 60.0, 9.0, vy=-1.0, radius=0.4)
+    (run,) = evaluate_runs({'mpcc': make_drive(scene=straight_scene([coming]))})
     panel, road = Figure().subplots(1, 2)
     run.log = log
     strip = film.Strip(panel, road, run, film.window([run]))
@@ -141,11 +138,10 @@ def test_a_video_is_written_where_ffmpeg_is(runs, tmp_path):
     assert out.read_bytes()[4:8] == b'ftyp'
 
 
-def test_the_command_makes_a_film_of_bags(drives, write_bag, tmp_path, capsys):
+def test_the_command_makes_a_film_of_bags(drives, write_bag, tmp_path, bags_prints):
     bag = write_bag(drives['mpcc'])
     out = tmp_path / 'film.gif'
-    words = ['film', str(bag), '--out', str(out), '--width', '480', '--from', '1', '--to', '1.1']
-    assert cli.main(words) == 0
-    assert capsys.readouterr().out.startswith(f'{out}: 2 frames, 0.0')
+    output = bags_prints('film', bag, '--out', out, '--width', 480, '--from', 1, '--to', 1.1)
+    assert output.startswith(f'{out}: 2 frames, 0.0')
     with Image.open(out) as picture:
         assert picture.n_frames == 2

@@ -105,12 +105,11 @@ def test_an_overlay_is_dotted_in_its_panels_and_nowhere_else(runs, overlay, tmp_
 
 
 def test_the_command_takes_files_and_the_report_shows_and_lists_them(
-    drives, write_bag, measured, tmp_path, capsys, monkeypatch
+    undrawn, drives, write_bag, measured, tmp_path, bags_prints, capsys
 ):
-    monkeypatch.setattr(comparison_figures, 'write_figures', lambda *given: None)
     bag = write_bag(drives['mpcc'])
     out = tmp_path / 'out'
-    assert cli.main(['compare', str(bag), '--overlay', str(measured), '--out', str(out)]) == 0
+    bags_prints('compare', bag, '--overlay', measured, '--out', out)
     values = json.loads((out / 'comparison.json').read_text())
     assert set(values['overlays']['measured']) >= {'time_s', 'velocity', 'steer'}
     text = (out / 'report.html').read_text()

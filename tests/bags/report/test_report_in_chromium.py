@@ -136,12 +136,11 @@ def test_of_many_runs_those_that_are_chosen_are_named_above_the_road(
     drives, logs, browse, tmp_path
 ):
     runs = evaluate_runs({f'own@{k:02d}': drives['own'] for k in range(30)})
-    values = {run.name: metrics.compute_metrics(run.drive, run.series) for run in runs}
+    values = {run.name: metrics.metrics_of(run) for run in runs}
     for run in runs:
         run.log = logs['own']
     file = tmp_path / page.REPORT_FILE
-    data = page.ReportData({'scenario': 'straight', 'runs': values}, runs)
-    file.write_text(page.report_html(data))
+    file.write_text(page.report_html({'scenario': 'straight', 'runs': values}, runs))
 
     async def visit(tab):
         await tab.until('Bokeh.documents[0].is_idle')

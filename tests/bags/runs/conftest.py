@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from one_second import every_message
+from straight_drive import obstacle, straight_scene
 
 import bags
-from bags.evaluation.drive import Obstacle
 from bags.run import Run
 from bags.storage import columns
 from msgs_yaml import flat_fields
@@ -16,10 +16,7 @@ def recorded(make_drive, write_bag_into, tmp_path_factory):
     """Return recordings of 2.5 s past an obstacle: of mpcc, and of own, 1 m left of the path."""
 
     def make(name, y):
-        ones, still = np.ones(101), np.zeros(101)
-        scene = make_drive().scene._replace(
-            obstacles=(Obstacle(7, 40.0 * ones, -3.5 * ones, still, still, 1.0),)
-        )
+        scene = straight_scene([obstacle(7, 40.0, -3.5)])
         one = make_drive(scene=scene, controller=name, y=y, vy=lambda x: np.sin(x / 9), metres=50.0)
         return bags.load(write_bag_into(folder, one, name))
 

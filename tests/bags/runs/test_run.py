@@ -7,18 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from straight_drive import straight_scene
+from straight_drive import obstacle, straight_scene
 
 import bags
 from bags.errors import BagError, InvalidMessagesWarning
 from bags.evaluation import metrics, signals
-from bags.evaluation.drive import Obstacle
 from bags.evaluation.metrics.registry import METRICS
 from bags.run import UnknownNameError
 
 ROOT = Path(__file__).parents[3]
-STILL, ONES = np.zeros(101), np.ones(101)
-CAR = Obstacle(7, 40.0 * ONES, -3.5 * ONES, STILL, STILL, 1.0)
 UNITS = {
     '_mps3': 'm/s³',
     '_mps2': 'm/s²',
@@ -96,18 +93,12 @@ def test_a_set_point_is_due_a_period_after_its_state(second):
     assert np.array_equal(values, [np.nan, 1.0, 1.5, np.nan], equal_nan=True)
 
 
-def test_parameters_and_metadata(run):
-    assert run.parameters['controller.safety.obstacle_m'] == 0.5
-    assert run.metadata['mode'] == 'lockstep'
-    assert 'python' in run.metadata['versions']
-    assert run.scenario == 'straight'
-    assert run.duration_s == pytest.approx(2.5)
-
-
 def test_a_run_is_one_line_and_one_that_cannot_be_evaluated_still_has_frames(run, second):
     text = repr(run)
     assert text.startswith("Run('mpcc', straight, 2.50 s: did not reach the finish line")
     assert len(text) < 200
+    assert run.parameters['controller.safety.obstacle_m'] == 0.5
+    assert 'python' in run.metadata['versions']
     assert repr(second) == "Run('one second', one second, 1.00 s: 13 topics)"
     with pytest.raises(BagError, match='parameters'):
         second.metrics  # noqa: B018
@@ -127,7 +118,7 @@ def without(samples):
     ],
 )
 def test_signals_of_topics_that_were_not_recorded_are_absent(make_drive, write_bag, part, absent):
-    drive = make_drive(metres=20.0, scene=straight_scene([CAR]))
+    drive = make_drive(metres=20.0, scene=straight_scene([obstacle(7, 40.0, -3.5)]))
     if part:
         drive = drive._replace(**{part: without(getattr(drive, part))})
     named = {name.partition('.')[0] for name in bags.load(write_bag(drive)).signals}

@@ -1,11 +1,13 @@
 """A bag of one second; a recorder process, and a publisher that plays every node of the ring."""
 
+import fcntl
 import os
 import re
 import signal
 import subprocess
 import sys
 import tempfile
+import termios
 from contextlib import ExitStack, closing
 from pathlib import Path
 
@@ -63,18 +65,19 @@ class Ring:
         spin_node.shut_down(self.node, context=self.context)
 
 
-class Recorder:
-    """A recorder_node in a process of its own."""
+class NodeProcess:
+    """A node in a process of its own; `terminal` is its standard input, else it has none."""
 
-    def __init__(
-        self, out: Path, program=('-m', 'bags.recorder_node'), namespace='/', **parameters
-    ):
-        given = {'out': out, **parameters}
-        arguments = [word for k, v in given.items() for word in ('-p', f'{k}:={v}')]
-        arguments += ['-r', f'__ns:={namespace}']
+    def __init__(self, module, namespace='/', terminal=None, **parameters):
+        words = [word for k, v in parameters.items() for word in ('-p', f'{k}:={v}')]
+        options = {'stdin': subprocess.DEVNULL}
+        if terminal is not None:
+            # as a shell would in the foreground of this terminal
+            options = {'stdin': terminal, 'start_new_session': True}
+            options['preexec_fn'] = lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0)
         self.log = tempfile.TemporaryFile('w+')  # noqa: SIM115 - lives as long as this
-        words = [sys.executable, *program, '--ros-args', *arguments]
-        self.process = subprocess.Popen(words, stderr=self.log, stdout=self.log)
+        words = [sys.executable, '-m', module, '--ros-args', *words, '-r', f'__ns:={namespace}']
+        self.process = subprocess.Popen(words, stderr=self.log, stdout=self.log, **options)
 
     def end(self, number=signal.SIGINT):
         """Send a signal; return (exit code, everything it said)."""
@@ -84,6 +87,11 @@ class Recorder:
     def wait(self):
         code = self.process.wait(TIMEOUT_S)
         return code, self.said()
+
+    def until(self, is_true):
+        """Wait until something is true of everything it said; return that."""
+        wait_until(lambda: is_true(self.said()), TIMEOUT_S, self.said)
+        return self.said()
 
     def said(self):
         """Return everything it said so far."""
@@ -101,20 +109,26 @@ class Recorder:
 
 
 @pytest.fixture
-def start_recorder(domain):
-    """Factory of recorders; whatever still runs at the end of the test is ended."""
+def start_node(domain):
+    """Factory of node processes; whatever still runs at the end of the test is ended."""
     started = []
 
-    def start(out, **parameters):
-        started.append(Recorder(out, **parameters))
+    def start(module, **options):
+        started.append(NodeProcess(module, **options))
         return started[-1]
 
     yield start
-    for recorder in started:
-        if recorder.process.poll() is None:
-            recorder.process.kill()
-            recorder.process.wait(TIMEOUT_S)
-        recorder.log.close()
+    for node in started:
+        if node.process.poll() is None:
+            node.process.kill()
+            node.process.wait(TIMEOUT_S)
+        node.log.close()
+
+
+@pytest.fixture
+def start_recorder(start_node):
+    """Factory of recorders into a folder."""
+    return lambda out, **options: start_node('bags.recorder_node', out=out, **options)
 
 
 @pytest.fixture

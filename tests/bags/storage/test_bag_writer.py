@@ -10,12 +10,11 @@ from one_second import expected, write_recordings
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
-from bags.errors import BagError
 from bags.evaluation.bag_summary import summarize_bag
 from bags.storage import read
-from bags.storage.bag_writer import NO_SPLIT, BagWriter, Split
+from bags.storage.bag_writer import NO_SPLIT, Split
 from bags.storage.mcap_reader import mcap_files, read_mcap
-from msgs_yaml import contract, share
+from msgs_yaml import contract
 
 SPLITS = {
     'whole': NO_SPLIT,
@@ -117,22 +116,6 @@ def test_each_file_explains_itself_to_mcap_and_mcap_ros2(split, whole, messages)
     assert last.pose.pose.position.x == messages['/vehicle/odometry'][-1].X
 
 
-def test_schema_text_is_the_message_definitions_byte_for_byte(bag_folder):
-    def definition(package, name):
-        return share.path(package, 'msg', f'{name}.msg').read_bytes()
-
-    with open(bag_folder / 'mpcc_0.mcap', 'rb') as file:
-        schemas = make_reader(file).get_summary().schemas.values()
-    assert {schema.name for schema in schemas} >= {t.type for t in contract.load().topics.values()}
-    for schema in schemas:
-        assert schema.encoding == 'ros2msg'
-        first, *others = schema.data.split(b'\n' + b'=' * 80 + b'\nMSG: ')
-        package, _, name = schema.name.split('/')
-        assert first == definition(package, name)
-        for title, _, text in (section.partition(b'\n') for section in others):
-            assert text == definition(*title.decode().split('/'))
-
-
 def test_metadata_lists_files_and_messages_as_rosbag2_does(split, whole):
     folder, _ = split
     beside = yaml.safe_load((folder / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
@@ -149,12 +132,3 @@ def test_metadata_lists_files_and_messages_as_rosbag2_does(split, whole):
     if len(names) == 1:
         inside = read_mcap(folder / names[0]).records['rosbag2']['serialized_metadata']
         assert yaml.safe_load(inside) == beside
-
-
-def test_a_folder_that_exists_or_cannot_be_made_is_refused_and_left_alone(tmp_path):
-    (tmp_path / 'file').touch()
-    with pytest.raises(BagError, match='exists already'):
-        BagWriter(tmp_path, [], {})
-    with pytest.raises(BagError, match=r'file/bag: cannot be created: Not a directory'):
-        BagWriter(tmp_path / 'file' / 'bag', [], {})
-    assert [path.name for path in tmp_path.iterdir()] == ['file']

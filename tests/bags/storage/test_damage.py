@@ -24,7 +24,6 @@ from mcap.reader import make_reader
 from one_second import write_recordings
 from rosbags.rosbag2 import Reader
 
-from bags import cli
 from bags.errors import BagError, DamagedBagWarning
 from bags.evaluation.bag_summary import summarize_bag
 from bags.playback import build_playlist
@@ -223,20 +222,17 @@ def test_a_file_alone_is_repaired_without_metadata_and_noise_is_refused(healthy,
     assert sorted(path.name for path in tmp_path.iterdir()) == [*names, 'noise.mcap']
 
 
-def test_commands_say_what_is_damaged_and_what_was_recovered(healthy, damage, capsys):
+def test_commands_say_what_is_damaged_and_what_was_recovered(healthy, damage, bags_prints):
     folder = damage(healthy.data[: len(healthy.data) // 2])
     with pytest.warns(DamagedBagWarning, match=r'damaged at byte \d+ .*cut off.*`bags repair'):
         read.load(folder)
-    assert cli.main(['info', str(folder)]) == 0
-    assert 'bags repair' in ' '.join(capsys.readouterr().out.split())
-    assert cli.main(['repair', str(folder)]) == 0
-    output = capsys.readouterr().out
+    assert 'bags repair' in ' '.join(bags_prints('info', folder).split())
+    output = bags_prints('repair', folder)
     assert 'repaired; the damaged file is kept as bag_0.mcap.damaged' in output
     assert 'damage at byte' in output
     assert f'recovered {len(messages_of(folder / "bag_0.mcap"))} messages, ' in output
     assert '    /vehicle/odometry ' in output
-    assert cli.main(['repair', str(folder)]) == 0
-    assert 'complete, nothing to repair' in capsys.readouterr().out
+    assert 'complete, nothing to repair' in bags_prints('repair', folder)
 
 
 # chunks that mislead a reader

@@ -9,7 +9,6 @@ from one_second import expected, in_memory, recording, write_recordings
 from rich.console import Console
 from straight_drive import drive_of
 
-from bags import cli
 from bags.commands import timing
 from bags.errors import BagError
 from bags.evaluation import tick_timing
@@ -68,7 +67,7 @@ def test_summary_counts_rates_gaps_losses_latency_and_fallbacks(limping):
     assert sum(result['fallbacks'].values()) == 1
 
 
-def test_what_a_bag_cannot_tell_is_none(tmp_path, bag_folder, capsys):
+def test_what_a_bag_cannot_tell_is_none(tmp_path, bag_folder, bags_prints):
     recordings = read.load(bag_folder).recordings
     health = recordings['/diagnostics']
     times = np.ones(5, dtype=np.int64)
@@ -83,39 +82,36 @@ def test_what_a_bag_cannot_tell_is_none(tmp_path, bag_folder, capsys):
     assert result['topics'][COMMAND]['rate_hz'] is None
     names = ('latency_ms', 'ticks', 'rungs', 'fallbacks', 'reports')
     assert [result[name] for name in names] == [None] * 5
-    assert cli.main(['info', str(folder)]) == 0
+    assert bags_prints('info', folder)
 
 
-def test_info_prints_a_row_per_topic_or_json(bag_folder, messages, capsys):
-    assert cli.main(['info', str(bag_folder)]) == 0
-    output = capsys.readouterr().out
+def test_info_prints_a_row_per_topic_or_json(bag_folder, messages, bags_prints):
+    output = bags_prints('info', bag_folder)
     for topic, sent in messages.items():
         (row,) = (line for line in output.splitlines() if line.startswith(topic))
         assert f' {len(sent)} ' in row
     assert 'state to command in ms: p50' in output
     assert 'scenario: double_lane_change' in output
-    assert cli.main(['info', str(bag_folder), '--json']) == 0
-    result = json.loads(capsys.readouterr().out)
+    result = json.loads(bags_prints('info', bag_folder, '--json'))
     assert result['fallbacks'] == {}
     counts = {name: result['topics'][name]['messages'] for name in messages}
     assert counts == expected(messages)
 
 
-def test_info_says_places_of_losses_keeps_hashes_whole_and_rows_in_one_line(limping, capsys):
-    assert cli.main(['info', str(limping)]) == 0
-    output = capsys.readouterr().out
+def test_info_says_places_of_losses_keeps_hashes_whole_and_rows_in_one_line(limping, bags_prints):
+    output = bags_prints('info', limping)
     assert '2 in 1 places' in output
     assert f'scenario_sha256: {"f" * 64}\n' in output
     # as awk and grep read it; a terminal has a width
-    assert cli.main(['info', str(GOLDEN)]) == 0
-    (row,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith(STATE))
+    lines = bags_prints('info', GOLDEN).splitlines()
+    (row,) = (line for line in lines if line.startswith(STATE))
     topic, count, rate, gap, lost, *places = row.split()
     assert (topic, count, rate, gap) == (STATE, '162', '20.00', '0.050')
     assert int(lost) > 7000  # 49 of 50 states are cut out of a golden bag
     assert places == ['in', '161', 'places']
 
 
-def test_answers_to_the_last_state_are_reports_but_no_ticks(write_bag, capsys):
+def test_answers_to_the_last_state_are_reports_but_no_ticks(write_bag, bags_prints):
     drive = drive_of(metres=20.0)
     last_ns = int(drive.motion.stamp_ns[-1])
     ticks = drive.ticks._replace(answered_ns=drive.motion.stamp_ns[::50])
@@ -123,8 +119,7 @@ def test_answers_to_the_last_state_are_reports_but_no_ticks(write_bag, capsys):
     for extra in ((), [last_ns + k * TICK for k in range(5)]):
         reports = [(WHY, ns, ros.serialize(encode.why(Why(ns, 0, '', blind)))) for ns in extra]
         folder = write_bag(drive._replace(ticks=ticks), f'with {len(extra)}', extra=reports)
-        assert cli.main(['info', str(folder)]) == 0
-        output = capsys.readouterr().out
+        output = bags_prints('info', folder)
         assert '20 ticks' in output
         assert f'{21 + len(extra)} reports of the controller, 1 of them on the last' in output
         assert ('rungs: solved 21' in output) or extra
@@ -167,9 +162,9 @@ def test_the_parts_of_a_tick_are_told_apart_and_sum_up():
         assert getattr(result, name) == pytest.approx([each] * 20)
     assert result.publish == pytest.approx([0.25, 0.0] * 10)
     assert sum(result[1:]) == pytest.approx(result.total)
-    latency = tick_timing.command_latency(ring(20))
-    assert latency.stamp_ns.tolist() == [S + k * TICK for k in range(21)]
-    assert latency.latency_s == pytest.approx([12e-3] * 21)
+    stamp_ns, latency_s = tick_timing.command_latency(ring(20))
+    assert stamp_ns.tolist() == [S + k * TICK for k in range(21)]
+    assert latency_s == pytest.approx([12e-3] * 21)
 
 
 SLOW = {'latency_ms': lambda k: 51.0 if k == 7 else 12.0}
@@ -177,29 +172,24 @@ TENTH = {'latency_ms': lambda k: 80.0, 'answered': lambda k: k % 2 == 0}
 PERIOD = {'mode': 'realtime', 'parameters': json.dumps({'controller': {'model.step_s': 0.1}})}
 
 
-@pytest.mark.parametrize(
-    ('bag', 'counts', 'missed'),
-    [
-        pytest.param(ring(20), (20, 0, 0, 0), 0, id='all answered'),
-        pytest.param(
-            ring(20, **SLOW, answered=lambda k: k != 3), (20, 1, 1, 0), 2, id='one late, one never'
-        ),
-        pytest.param(ring(20, **TENTH), (20, 10, 11, 0), 21, id='the period of the contract'),
-        pytest.param(
-            ring(20, **TENTH)._replace(records={'run': PERIOD}), (10, 0, 0, 0), 0, id='its period'
-        ),
-        # a command without a state answers nothing
-        pytest.param(ring(20, blind=(5, 6)), (20, 2, 0, 2), 2, id='blind'),
-        pytest.param(ring(20, **SLOW, blind=(5, 6)), (20, 2, 1, 2), 3, id='blind and late'),
-    ],
-)
-def test_a_tick_without_an_answer_or_with_a_late_one_is_missed(bag, counts, missed):
+COUNTED = {
+    'all answered': (ring(20), (20, 0, 0, 0)),
+    'one late, one never': (ring(20, **SLOW, answered=lambda k: k != 3), (20, 1, 1, 0)),
+    'the period of the contract': (ring(20, **TENTH), (20, 10, 11, 0)),
+    'its period': (ring(20, **TENTH)._replace(records={'run': PERIOD}), (10, 0, 0, 0)),
+    # a command without a state answers nothing
+    'blind': (ring(20, blind=(5, 6)), (20, 2, 0, 2)),
+    'blind and late': (ring(20, **SLOW, blind=(5, 6)), (20, 2, 1, 2)),
+}
+
+
+@pytest.mark.parametrize(('bag', 'counts'), COUNTED.values(), ids=COUNTED)
+def test_a_tick_without_an_answer_or_with_a_late_one_is_missed(bag, counts):
     result = tick_timing.count_ticks(bag)
-    assert (result, result.missed) == (counts, missed)
-    # info counts the same
-    assert summarize_bag(bag)['ticks'] == {**result._asdict(), 'missed': missed}
+    assert tuple(result.values()) == (*counts, counts[1] + counts[2])
+    assert summarize_bag(bag)['ticks'] == result  # info counts the same
     simulated = bag._replace(recordings={**bag.recordings, '/clock': bag.recordings[STATE]})
-    assert tick_timing.count_ticks(simulated).late == 0
+    assert tick_timing.count_ticks(simulated)['late'] == 0
 
 
 SPARSE = {
@@ -217,11 +207,10 @@ def test_what_a_bag_does_not_tell_is_a_dash(bag, capsys):
     assert set(line.split()[1:]) == {'-'}
 
 
-def test_the_report_has_quantiles_intervals_and_the_lateness_of_the_plant(tmp_path, capsys):
+def test_the_report_has_quantiles_intervals_and_the_lateness_of_the_plant(tmp_path, bags_prints):
     bag = ring(100, latency_ms=lambda k: 10.0 + 10.0 * (k == 50))
     folder = write_recordings(tmp_path / 'bag', bag.recordings.values(), {})
-    assert cli.main(['timing', str(folder), '--json']) == 0
-    result = json.loads(capsys.readouterr().out)
+    result = json.loads(bags_prints('timing', folder, '--json'))
     assert result['mode'] == 'realtime'
     assert result['ticks']['missed'] == 0
     assert result['parts_ms']['total']['p50'] == pytest.approx(10.0)
@@ -230,8 +219,7 @@ def test_the_report_has_quantiles_intervals_and_the_lateness_of_the_plant(tmp_pa
     assert result['interval_ms']['mean'] == pytest.approx(50.0)
     assert result['interval_ms']['max'] == pytest.approx(60.0)
     assert result['state_sent_after_its_stamp_ms']['p99'] == pytest.approx(1.0)
-    assert cli.main(['timing', str(folder)]) == 0
-    printed = capsys.readouterr().out
+    printed = bags_prints('timing', folder)
     for text in ('transport', '100 ticks, 0 missed', 'mean interval 50.000 ms'):
         assert text in printed
     without = {k: v for k, v in bag.recordings.items() if k != STATE}

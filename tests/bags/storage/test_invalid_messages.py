@@ -15,11 +15,9 @@ from one_second import TOPICS, in_memory, recording
 from rich.console import Console
 from straight_drive import drive_of
 
-from bags import cli
 from bags.errors import BagError
 from bags.evaluation import metrics
 from bags.evaluation.bag_summary import summarize_bag
-from bags.figures import comparison_figures
 from bags.report.comparison import compare_bags, show_comparison
 from bags.run import load_quietly
 from bags.storage import read
@@ -199,30 +197,26 @@ FAR = 'header.stamp is 5.000 s, 1699999995 s from .*; allowed up to 600 s'
 BACK = 'header.stamp is 1700000000.000 s; the stamps fall back'
 
 
+STEPS_NS = (-30_000_000, 30_000_000, -S, S)
+# stamps, log times, whether twins stay, and the reason by row
+FOREIGN = {
+    'of one time': (STAMPS, LOG, False, {}),
+    'sent again': (STAMPS.repeat(2), LOG.repeat(2), False, {}),
+    'none': (STAMPS[:0], LOG[:0], False, {}),
+    'of a plant that was stopped for minutes': (STAMPS, LATE, False, {}),
+    'of the clock of another machine': (STAMPS, LOG + 10_000 * S, False, {}),
+    **{f'row {k} early': (changed(k, 5 * S), LOG, False, {k: FAR}) for k in (0, 40, 99)},
+    **{f'row {k} late': (changed(k, 2 * WALL_NS), LOG, False, {k: '600 s'}) for k in (0, 40, 99)},
+    **{f'{by}': (changed(40, STAMPS[40] + by), LOG, False, {40: 'fall back'}) for by in STEPS_NS},
+    'the reason': (changed(7, WALL_NS), LOG, False, {7: BACK}),
+    'a twin': (changed(40, STAMPS[30]), LOG, False, {40: ''}),
+    'a twin that is wanted': (changed(40, STAMPS[30]), LOG, True, {}),
+    'no twin': (changed(40, STAMPS[30] + 1), LOG, True, {40: ''}),
+}
+
+
 @pytest.mark.parametrize(
-    ('stamps', 'log_ns', 'keep_twins', 'expected'),
-    [
-        pytest.param(STAMPS, LOG, False, {}, id='of one time'),
-        pytest.param(STAMPS.repeat(2), LOG.repeat(2), False, {}, id='sent again'),
-        pytest.param(STAMPS[:0], LOG[:0], False, {}, id='none'),
-        pytest.param(STAMPS, LATE, False, {}, id='of a plant that was stopped for minutes'),
-        pytest.param(STAMPS, LOG + 10_000 * S, False, {}, id='of the clock of another machine'),
-        *(
-            pytest.param(changed(row, ns), LOG, False, {row: why}, id=f'row {row} far {k}')
-            for row in (0, 40, 99)
-            for k, (ns, why) in enumerate([(5 * S, FAR), (2 * WALL_NS, 'allowed up to 600 s')])
-        ),
-        *(
-            pytest.param(
-                changed(40, STAMPS[40] + by), LOG, False, {40: 'the stamps fall back'}, id=f'{by}'
-            )
-            for by in (-30_000_000, 30_000_000, -S, S)
-        ),
-        pytest.param(changed(7, WALL_NS), LOG, False, {7: BACK}, id='the reason'),
-        pytest.param(changed(40, STAMPS[30]), LOG, False, {40: ''}, id='a twin'),
-        pytest.param(changed(40, STAMPS[30]), LOG, True, {}, id='a twin that is wanted'),
-        pytest.param(changed(40, STAMPS[30] + 1), LOG, True, {40: ''}, id='no twin'),
-    ],
+    ('stamps', 'log_ns', 'keep_twins', 'expected'), FOREIGN.values(), ids=FOREIGN
 )
 def test_a_stamp_of_another_time_is_found_and_costs_no_other_sample(
     stamps, log_ns, keep_twins, expected
@@ -275,8 +269,7 @@ def test_the_verdict_is_that_of_the_valid_messages(clean, bag):
     assert result['min_v2e_m'] == pytest.approx(1.9)
 
 
-def test_what_was_left_out_is_counted_by_topic_with_the_first_reason(bag, tmp_path, monkeypatch):
-    monkeypatch.setattr(comparison_figures, 'write_figures', lambda *given: None)
+def test_what_was_left_out_is_counted_by_topic_with_the_first_reason(undrawn, bag, tmp_path):
     compared = compare_bags([bag], tmp_path / 'out')
     result = json.loads(compared.file.read_text())['invalid_messages']['mpcc']
     counts = {topic: item['count'] for topic, item in result.items()}
@@ -291,12 +284,10 @@ def test_what_was_left_out_is_counted_by_topic_with_the_first_reason(bag, tmp_pa
 
 
 @pytest.mark.parametrize('command', ['info', 'timing'])
-def test_the_other_readers_go_on_and_count_too(bag, command, capsys):
-    assert cli.main([command, str(bag), '--json']) == 0
-    result = json.loads(capsys.readouterr().out)
+def test_the_other_readers_go_on_and_count_too(bag, command, bags_prints):
+    result = json.loads(bags_prints(command, bag, '--json'))
     assert result['invalid_messages'][STATE]['count'] == 2
-    assert cli.main([command, str(bag)]) == 0
-    output = ' '.join(capsys.readouterr().out.split())
+    output = ' '.join(bags_prints(command, bag).split())
     assert f'1 invalid messages of {REFERENCE} were left out; message 1: poses is 0 long' in output
 
 

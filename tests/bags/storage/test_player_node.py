@@ -1,11 +1,7 @@
 """A real player over Fast DDS: what a recorder hears is what was recorded."""
 
-import fcntl
 import os
 import re
-import signal
-import subprocess
-import sys
 import termios
 import threading
 import time
@@ -23,48 +19,24 @@ from bags.storage.rosbag2_metadata import qos_text
 from msgs_yaml import contract
 from node_runtime import ros
 
-TIMEOUT_S = 90
 STATE = '/vehicle/odometry'
 
 
 @pytest.fixture
-def start_player(domain):
-    """Factory of players that wait for one recorder; ended at the end of the test."""
-    started = []
+def start_player(start_node):
+    """Factory of players that wait for one recorder."""
 
-    def start(bag, stdin=subprocess.DEVNULL, namespace='/', **parameters):
-        arguments = {'bag': bag, 'delay_s': 0.0, 'recorders': 1, **parameters}
-        words = [word for k, v in arguments.items() for word in ('-p', f'{k}:={v}')]
-        words += ['-r', f'__ns:={namespace}']
-        terminal = {}
-        if stdin is not subprocess.DEVNULL:
-            terminal = {
-                'start_new_session': True,
-                'preexec_fn': lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
-            }
-        started.append(
-            subprocess.Popen(
-                [sys.executable, '-m', 'bags.player_node', '--ros-args', *words],
-                stdin=stdin,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                text=True,
-                **terminal,
-            )
-        )
-        return started[-1]
+    def start(bag, recorders=1, **options):
+        given = {'bag': bag, 'delay_s': 0.0, 'recorders': recorders, **options}
+        return start_node('bags.player_node', **given)
 
-    yield start
-    for player in started:
-        if player.poll() is None:
-            player.kill()
-            player.wait(TIMEOUT_S)
+    return start
 
 
 def said_by(player):
     """Return everything that a player says, once it has ended by itself."""
-    output, _ = player.communicate(timeout=TIMEOUT_S)
-    assert player.returncode == 0, output
+    code, output = player.wait()
+    assert code == 0, output
     return output
 
 
@@ -134,16 +106,11 @@ def test_messages_are_sent_when_they_were_recorded(
 
 def test_rate_and_loop_repeat_the_bag_faster(bag_folder, start_player):
     arguments = {'rate': 10.0, 'loop': 'true', 'topics': '[/vehicle/imu]', 'clock_hz': 0.0}
-    player = start_player(bag_folder, recorders=0, **arguments)
-    ends = []
-    for line in player.stdout:
-        if 'played 100 messages' in line:
-            ends.append(float(re.search(r'\[(\d+\.\d+)\]', line)[1]))  # the time of the log
-        if len(ends) == 6:
-            break
-    player.send_signal(signal.SIGINT)
-    player.communicate(timeout=TIMEOUT_S)
-    assert player.returncode == 0
+    player, played = start_player(bag_folder, recorders=0, **arguments), 'played 100 messages'
+    lines = player.until(lambda output: output.count(played) >= 6).splitlines()
+    assert player.end()[0] == 0
+    # the times of the log
+    ends = [float(re.search(r'\[(\d+\.\d+)\]', line)[1]) for line in lines if played in line]
     # 0.99 s of the bag each time, by the clock of the player
     assert 0.098 < min(np.diff(ends)) < 0.5
 
@@ -168,8 +135,9 @@ def test_damaged_bag_plays_up_to_the_damage_and_says_where(
 def test_keys_pause_step_and_end(bag_folder, start_player, tmp_path, start_recorder):
     recorder = start_recorder(tmp_path / 'again')
     leader, follower = os.openpty()
+    before = termios.tcgetattr(follower)
     keys = {'topics': f'[{STATE}]', 'clock_hz': 0.0, 'paused': 'true', 'step_s': 0.004}
-    player = start_player(bag_folder, follower, **keys)
+    player = start_player(bag_folder, terminal=follower, **keys)
     try:
         for said, key in (
             ('space: pause and resume', b's'),
@@ -177,9 +145,10 @@ def test_keys_pause_step_and_end(bag_folder, start_player, tmp_path, start_recor
             ('paused at 0.008 s', b'q'),
             ('ended at 0.009 s', b''),
         ):
-            assert any(said in line for line in player.stdout), said
+            player.until(lambda output, said=said: said in output)
             os.write(leader, key)
-        assert player.wait(TIMEOUT_S) == 0
+        assert player.wait()[0] == 0
+        assert termios.tcgetattr(follower) == before
     finally:
         os.close(leader)
         os.close(follower)
@@ -197,8 +166,8 @@ def test_mistakes_are_one_line_that_names_the_parameter(start_player, bag_folder
     }
     players = {why: start_player(**parameters) for why, parameters in given.items()}
     for why, player in players.items():
-        output, _ = player.communicate(timeout=TIMEOUT_S)
-        assert player.returncode != 0
+        code, output = player.wait()
+        assert code != 0
         assert why in output
         assert 'Traceback' not in output
 

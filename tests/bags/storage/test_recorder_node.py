@@ -24,7 +24,7 @@ from wait_until import wait_until
 from bags.evaluation import bag_summary
 from bags.storage import cdr, read, repair
 from bags.storage.mcap_reader import read_mcap
-from node_runtime import ros, shutdown
+from node_runtime import ros
 
 pytestmark = pytest.mark.usefixtures('domain')
 TIMEOUT_S = 90.0
@@ -226,13 +226,12 @@ def test_losses_of_each_topic_are_noted_in_the_bag(tmp_path, start_pair, message
 @pytest.mark.alone
 def test_kill_costs_less_than_the_last_second(tmp_path, start_pair, messages):
     recorder, ring = start_pair(tmp_path / 'bag')
-    end, sent = time.monotonic() + 2.0, []
-    for value in endless(messages[STATE]):
+    sent = []
+    # without /clock the first 500 wait; all of these are older than a second at the end
+    for value in itertools.islice(endless(messages[STATE]), 2000):
         ring.publish(STATE, value)
         sent.append(time.monotonic())
         time.sleep(0.001)
-        if sent[-1] > end:
-            break
     recorder.end(signal.SIGKILL)
     folder = tmp_path / 'bag'
     assert not (folder / 'metadata.yaml').exists()
@@ -242,25 +241,6 @@ def test_kill_costs_less_than_the_last_second(tmp_path, start_pair, messages):
     assert sent[-1] - sent[recovered - 1] < 1.0
     assert read_mcap(folder / 'bag_0.mcap').indexed
     assert counts(folder) == {STATE: recovered}
-
-
-HELD = """
-import ctypes, sys
-from rclpy.node import Node
-from bags import recorder_node
-Node.destroy_node = lambda node: ctypes.PyDLL(None).sleep(60)
-sys.exit(recorder_node.main())
-"""
-
-
-def test_a_recorder_that_the_middleware_holds_has_completed_its_bag(tmp_path, start_pair, messages):
-    recorder, ring = start_pair(tmp_path / 'bag', program=('-c', HELD))
-    ring.publish_all(messages)
-    code, output = recorder.end()
-    assert code == 0, output
-    assert shutdown.TRACEBACK_START in output
-    assert counts(tmp_path / 'bag') == expected(messages)
-    assert repair.repair_bag(tmp_path / 'bag').intact
 
 
 def test_one_that_cannot_begin_says_so_in_one_line(tmp_path, start_recorder):
@@ -322,31 +302,10 @@ def test_clock_that_jumps_back_ends_the_recorder_with_a_complete_bag(
     last_s, first_s = (messages['/clock'][i] / 1e9 for i in (-1, 0))
     assert f'/clock: the clock jumped backwards from {last_s:.9f} s to {first_s:.9f} s' in output
     assert '1 messages are left out whose stamp fell back before /clock did' in output
+    assert output.count(f'{COMMAND}: a message has the stamp {WALL_NS / 1e9:.9f} s') == 1
+    assert f'{COMMAND}: 1 messages are filed under another time' in output
     assert 'Traceback' not in output
     sent = expected(messages)
     sent[COMMAND] += 1
     assert counts(tmp_path / 'bag') == sent
     assert repair.repair_bag(tmp_path / 'bag').intact
-
-
-def test_a_message_with_a_stamp_of_another_time_ends_nothing_and_moves_no_other(
-    tmp_path, start_pair, messages
-):
-    recorder, ring = start_pair(tmp_path / 'bag')
-    stray = {COMMAND: WALL_NS, STATE: 0}  # by the wall clock, and by none
-    ring.publish_all({topic: values[: len(values) // 2] for topic, values in messages.items()})
-    for topic, stamp_ns in stray.items():
-        ring.publish(topic, messages[topic][0]._replace(stamp_ns=stamp_ns))
-    ring.publish_all({topic: values[len(values) // 2 :] for topic, values in messages.items()})
-    code, output = recorder.end()
-    assert code == 0, output
-    recordings = read.load(tmp_path / 'bag').recordings
-    for topic, stamp_ns in stray.items():
-        assert output.count(f'{topic}: a message has the stamp {stamp_ns / 1e9:.9f} s') == 1
-        assert f'{topic}: 1 messages are filed under another time' in output
-        log_ns = recordings[topic].log_ns.tolist()
-        sent = [value.stamp_ns for value in messages[topic]]
-        assert min(log_ns) == sent[0]
-        assert max(log_ns) <= max(sent[-1], recordings['/clock'].log_ns[-1])
-        assert len(log_ns) == len(sent) + 1
-        assert set(sent) <= set(log_ns)

@@ -109,8 +109,9 @@ def test_the_plan_is_coloured_by_its_speed(drawn):
     assert horizon.colours.shape == (51, 4)
     assert horizon.colours[0] == pytest.approx([*marker_scene.FAST, 1.0])
     assert np.all(np.diff(horizon.colours[:-1, 0]) > 0.0), 'it brakes all the way'
-    slowest = marker_scene.speed_colours(np.array([20.0, 15.0, 3.0]))
-    assert slowest[1:, :3] == pytest.approx(np.array([marker_scene.SLOW, marker_scene.SLOW]))
+    stop = PLAN._replace(X=10.0 * (1.0 - np.exp(-2.0 * STAGES)))
+    (horizon,) = find(draw({marker_scene.PLAN: stop})[marker_scene.PREDICTION], 'horizon')
+    assert horizon.colours[-1] == pytest.approx([*marker_scene.SLOW, 1.0])
 
 
 def test_the_plans_that_were_not_chosen_are_drawn_with_the_one_that_is():

@@ -12,7 +12,7 @@ import rclpy
 from wait_until import wait_until
 
 from experiments.configuration import node_config
-from msgs_yaml import conformance, contract, encode, share
+from msgs_yaml import conformance, encode, share
 from msgs_yaml.types import Obstacle, Obstacles, Prediction, VehicleState, Why
 from node_runtime import parameters, ros, spin_node
 
@@ -104,8 +104,3 @@ def test_experiments_run_tells_it_what_car_drives_and_what_is_safe():
     shipped = told('lockstep')
     defaults = parameters.read_file(share.path('bags', 'config', 'markers.yaml')).values
     assert {name: shipped[name] for name in defaults} == pytest.approx(defaults)
-
-
-def test_markers_are_topics_on_request():
-    topics = contract.load().topics
-    assert {name for name, topic in topics.items() if topic.on_request} == set(DRAWN)

@@ -19,18 +19,16 @@ from bags.evaluation.metrics import outcome  # isort: skip
 from bags.evaluation.metrics import survival  # noqa: F401 # isort: skip
 from bags.evaluation.metrics import driving  # noqa: F401 # isort: skip
 from bags.evaluation.metrics.registry import METRICS, EvaluatedDrive
-from bags.evaluation.series import Series
 
 VERDICT = 'verdict'  # how the run ended, in words
 
 
-def compute_metrics(drive: Drive, series: Series | None = None) -> dict[str, Any]:
+def compute_metrics(drive: Drive) -> dict[str, Any]:
     """Return every metric of a drive by name, JSON values; `verdict` is a text for a person.
 
-    With `series`, that of the drive, all samples of the drive must be finite; otherwise samples
-    that are not finite are left out. Raises BagError when no state of the car is left.
+    Samples that are not finite are left out. Raises BagError when no state of the car is left.
     """
-    return metrics_of(EvaluatedDrive(drop_nonfinite(drive) if series is None else drive, series))
+    return metrics_of(EvaluatedDrive(drop_nonfinite(drive)))
 
 
 def metrics_of(run: EvaluatedDrive) -> dict[str, Any]:

@@ -116,7 +116,11 @@ def planned_brake_onset_hard_at_m(run):
 @metric(unit='s')
 def braking_s(run):
     """How long the actuated longitudinal force was at or below -500 N."""
-    return braking_time(run.drive, BRAKING_N)
+    inputs = run.drive.inputs
+    if not inputs.stamp_ns.size:
+        return None
+    force = np.interp(_even_stamps(inputs.stamp_ns), inputs.stamp_ns, inputs.force)
+    return float(np.count_nonzero(force <= BRAKING_N) * SAMPLE_NS * NS)
 
 
 @metric(unit='s')
@@ -290,15 +294,6 @@ def _last_obstacle_at(run):
             foot = geometry.project_drive(point, scene.reference, SEARCH_M)
             stations.append(float(foot.distance[0]))
     return max(stations, default=np.inf)
-
-
-def braking_time(drive, force_n: float) -> float | None:
-    """Return for how long [s] the actuated force was at or below `force_n`; None without any."""
-    inputs = drive.inputs
-    if not inputs.stamp_ns.size:
-        return None
-    force = np.interp(_even_stamps(inputs.stamp_ns), inputs.stamp_ns, inputs.force)
-    return float(np.count_nonzero(force <= force_n) * SAMPLE_NS * NS)
 
 
 def _counter_steering(run):

@@ -204,22 +204,26 @@ def outline_beyond_edge(run: EvaluatedDrive) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _outline_margins(run):
-    """Return indices (n,) of odometry messages and by side how far [m] the outline is from it.
+    return edge_margins(run, geometry.outline_points(run.drive.facts.outline, OUTLINE_SPACING_M))
 
-    Of the point closest to the edge, negative beyond it; infinity where the centre is so far away
-    that its distance is neither below the safety distance nor the least of the drive.
+
+def edge_margins(run: EvaluatedDrive, body: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return indices (n,) of odometry messages and by side how far [m] points are from the edge.
+
+    `body` (k, 2) is in the vehicle frame [m]. Of the point closest to the edge, negative beyond it;
+    infinity where the centre is so far away that its distance is neither below the safety distance
+    nor the least of the drive.
     """
-    motion, outline, t = run.drive.motion, run.drive.facts.outline, run.series.t
+    motion, t = run.drive.motion, run.series.t
     sampled = np.searchsorted(t, np.arange(t[0], t[-1], OUTLINE_STEP_S))
     rows = np.unique(np.append(sampled, len(t) - 1))
-    body = geometry.outline_points(outline, OUTLINE_SPACING_M)
-    # from the centre of gravity to the farthest point of the outline
-    reach = np.hypot(max(outline.front, outline.rear), outline.width / 2)
+    # from the centre of gravity to the farthest point
+    reach = np.hypot(*body.T).max()
     centre = np.column_stack([motion.x[rows], motion.y[rows]])
     margins = {}
     for side, edge in (('left', run.drive.scene.left), ('right', run.drive.scene.right)):
         away = INSIDE[side] * geometry.offset_from_line(centre, edge)
-        # no point of the outline is farther from the edge than the centre at its closest
+        # no point is farther from the edge than the centre at its closest
         near = np.flatnonzero(away <= reach + max(run.drive.facts.safe_edge, away.min()))
         k = rows[near]
         points = geometry.transform_to_map(body, motion.x[k], motion.y[k], motion.yaw[k])
@@ -242,72 +246,60 @@ def describe_outcome(run: EvaluatedDrive, values: dict) -> str:
     A run that was completed begins with that; of any other one the events come in the order in
     which they happened, causes before what they led to.
     """
-    events = find_losses(run, values)
-    end = _find_end(run, values)
+    events, drive, speed = find_losses(run, values), run.drive, run.series.speed[-1]
+    station, finish = run.series.station, values['finish_at_m']
+    beyond, last = np.flatnonzero(station >= finish), len(station) - 1
+    if values['completed']:
+        end = Event(int(beyond[0]), f'reached the finish line at {finish:.0f} m')
+    elif station[0] >= finish:
+        end = Event(0, 'started beyond the finish line')
+    elif beyond.size:
+        text = f'passed the finish line beside the road at {finish:.0f} m'
+        end = Event(int(beyond[0]), text)
+    elif speed >= STANDING_MPS:
+        text = f'did not reach the finish line: ended at {station[-1]:.0f} m with {speed:.1f} m/s'
+        end = Event(last, text)
+    else:
+        text, reason = f'stood still at {station[-1]:.0f} m', drive.ticks.last_reason
+        # a car that spun is slow for another reason than the controller's
+        if reason and not (reason == TOO_SLOW and values['lost']):
+            least = drive.facts.least_speed if reason == TOO_SLOW else None
+            below = f': below {least:g} m/s it only brakes' if least else ''
+            text += f' (reason of the controller: {reason}{below})'
+        end = Event(last, text)
     events = [end, *events] if values['completed'] else sorted([*events, end], key=lambda e: e.row)
     parts = [event.text for event in events]
     if not values['collided']:
         parts.append('no collision')
-    if not run.drive.ticks.answered_ns.size:
+    if not drive.ticks.answered_ns.size:
         parts.append('no command answered a state')
     return '; '.join(parts)
 
 
 def find_losses(run: EvaluatedDrive, values: dict) -> list[Event]:
     """Return where the car slid, left the road and collided, in the order in which it happened."""
-    return sorted([*_find_departures(run, values), *_find_collisions(run, values)])
-
-
-def _find_end(run, values):
-    """Return how the drive ended."""
-    station, finish = run.series.station, values['finish_at_m']
-    beyond, last = np.flatnonzero(station >= finish), len(station) - 1
-    if values['completed']:
-        return Event(int(beyond[0]), f'reached the finish line at {finish:.0f} m')
-    if station[0] >= finish:
-        return Event(0, 'started beyond the finish line')
-    if beyond.size:
-        text = f'passed the finish line beside the road at {finish:.0f} m'
-        return Event(int(beyond[0]), text)
-    speed = run.series.speed[-1]
-    if speed < STANDING_MPS:
-        reason = _describe_reason(run.drive, values)
-        return Event(last, f'stood still at {station[-1]:.0f} m{reason}')
-    text = f'did not reach the finish line: ended at {station[-1]:.0f} m with {speed:.1f} m/s'
-    return Event(last, text)
-
-
-def _describe_reason(drive, values):
-    """Return why the controller let the car stand; a car that spun is slow for another reason."""
-    reason, least = drive.ticks.last_reason, drive.facts.least_speed
-    if not reason or (reason == TOO_SLOW and values['lost']):
-        return ''
-    below = f': below {least:g} m/s it only brakes' if reason == TOO_SLOW and least else ''
-    return f' (reason of the controller: {reason}{below})'
-
-
-def _find_departures(run, values):
-    """Yield a spin or slide, and how the car left the road."""
+    events = []
     if values['lost']:
         row = int(np.argmax(_sideslip_deg(run) > SLIDING_DEG))
         at, peak = values['lost_at_m'], values['peak_sideslip_deg']
         slid = f'slid at {at:.0f} m (sideslip angle up to {peak:.0f} deg)'
-        yield Event(row, f'spun at {at:.0f} m' if values['lost_how'] == 'spun' else slid)
+        events.append(Event(row, f'spun at {at:.0f} m' if values['lost_how'] == 'spun' else slid))
     if values['left_road']:
         rows, beyond = run.value(outline_beyond_edge)
         at, farthest = values['left_road_at_m'], values['beyond_edge_m']
         text = f'left the road at {at:.0f} m, by up to {farthest:.2f} m'
-        yield Event(int(rows[np.argmax(beyond > 0.0)]), text)
-
-
-def _find_collisions(run, values):
-    """Yield what was hit; circles may overlap although the outline passes."""
+        events.append(Event(int(rows[np.argmax(beyond > 0.0)]), text))
+    # circles may overlap although the outline passes
     for number, gaps in run.series.outline_gaps.items():
         outline, circle = smallest_finite(gaps), values['min_v2o_per_obstacle_m'][str(number)]
+        touching, how = gaps < 0.0, None
         if outline is not None and outline < 0.0:
-            text = f'collided with obstacle {number} (outline, overlap {-outline:.2f} m)'
-            yield Event(int(np.argmax(gaps < 0.0)), text)
+            how = f'outline, overlap {-outline:.2f} m'
         elif circle is not None and circle < 0.0:
-            overlap = f'circle, overlap {-circle:.2f} m; outline passed by {outline:.2f} m'
-            touched = int(np.argmax(run.series.v2o[number] < 0.0))
-            yield Event(touched, f'collided with obstacle {number} ({overlap})')
+            how = f'circle, overlap {-circle:.2f} m; outline passed by {outline:.2f} m'
+            touching = run.series.v2o[number] < 0.0
+        if how:
+            events.append(
+                Event(int(np.argmax(touching)), f'collided with obstacle {number} ({how})')
+            )
+    return sorted(events)

@@ -42,10 +42,8 @@ class EvaluatedDrive:
     name: str = ''
     look: Any = None
 
-    def __init__(self, drive: Drive, series: Series | None = None, log: ControllerLog = EMPTY_LOG):
-        self.drive, self.log = drive, log
-        if series is not None:
-            self.series = series
+    def __init__(self, drive: Drive):
+        self.drive = drive
 
     @cached_property
     def series(self) -> Series:

@@ -7,12 +7,10 @@ drives ahead of it.
 
 import numpy as np
 
-from bags.evaluation import geometry
 from bags.evaluation.metrics.outcome import (
-    INSIDE,
-    OUTLINE_STEP_S,
     SLIDING_DEG,
     STANDING_MPS,
+    edge_margins,
     finish_at_m,
 )
 from bags.evaluation.metrics.registry import metric
@@ -116,16 +114,7 @@ def _first_time(t, happens):
 def _wheels_beyond_edge(run):
     """Return indices (n,) of odometry messages and how far [m] a wheel is beyond an edge then.
 
-    That of the farthest wheel; negative on the road.
+    That of the farthest wheel; negative on the road, minus infinity far inside of it.
     """
-    motion, t = run.drive.motion, run.series.t
-    sampled = np.searchsorted(t, np.arange(t[0], t[-1], OUTLINE_STEP_S))
-    rows = np.unique(np.append(sampled, len(t) - 1))
-    wheels = np.array(run.drive.facts.wheels)
-    points = geometry.transform_to_map(wheels, motion.x[rows], motion.y[rows], motion.yaw[rows])
-    flat = points.reshape(-1, 2)
-    beyond = [
-        -INSIDE[side] * geometry.offset_from_line(flat, edge)
-        for side, edge in (('left', run.drive.scene.left), ('right', run.drive.scene.right))
-    ]
-    return rows, np.max(beyond, axis=0).reshape(len(rows), -1).max(axis=1)
+    rows, margins = edge_margins(run, np.array(run.drive.facts.wheels))
+    return rows, -np.min([*margins.values()], axis=0)
