@@ -13,10 +13,8 @@ from mpcc_controller.driving import guesses
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import CarOutline
-from mpcc_controller.path import reference_path, road_edges
 from mpcc_controller.problem import formulation, stage_parameters
 from mpcc_controller.problem.plan_evaluator import PlanEvaluator
-from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.types import Obstacle
 from node_runtime.parameters import ParameterError
 
@@ -74,8 +72,7 @@ def test_each_of_several_circles_is_reported_and_the_nearest_counts(world):
 def test_the_radius_at_edges_changes_distances_to_edges_only(world, controller):
     """A car that stands beside the path between straight edges 6 m to either side."""
     situation = world.straight(obstacles=[Obstacle(1, 62.0, 1.0, 0.5, 0.0, 0.0)])
-    path = reference_path.build(situation.reference)
-    scene = Scene(path, road_edges.build(situation.edges), situation.obstacles)
+    scene = world.scene(situation)
     x0 = State(50.0, 0.5, 0.0, 20.0, 0.0, 0.0, 50.0, 0.0, 0.0)
 
     def first_stage(**changes):

@@ -11,14 +11,13 @@ from dataclasses import replace
 import numpy as np
 
 from mpcc_controller import run_time_parameters
-from mpcc_controller.driving import path_progress, planner, setpoints, tick
+from mpcc_controller.driving import obstacle_prediction, path_progress, planner, setpoints, tick
 from mpcc_controller.driving.actuator_monitor import ActuatorState
 from mpcc_controller.driving.delay_compensation import SetpointRamp, constant_ramp
 from mpcc_controller.driving.internal_errors import INTERNAL_ERROR, InternalErrors
-from mpcc_controller.driving.obstacle_perception import Sightings
 from mpcc_controller.driving.parts import Parts
 from mpcc_controller.driving.path_progress import Progress
-from mpcc_controller.driving.records import Memory, TickInputs, TickRecord, unknown_state
+from mpcc_controller.driving.records import Memory, TickInputs, TickRecord
 from mpcc_controller.driving.tick_report import ERROR, TickReporter
 from mpcc_controller.model.single_track import Car
 from mpcc_controller.parameters import CarParams, ControllerParams
@@ -242,7 +241,7 @@ class Controller:
             if prepares:
                 begin_ns = self.active_ramp.begin_ns
                 next_ns = conversions.add_seconds(begin_ns, self.params.model.step_s)
-                world = tick.world_at(self.memory, self.scene, next_ns, next_ns, self.parts)
+                world = obstacle_prediction.scene_at(self.memory.tracks, self.scene, next_ns)
                 self.memory = planner.prepare(self.memory, world, self.parts)
         except Exception as error:
             self.errors.add(error)
@@ -286,7 +285,6 @@ class Controller:
         return Memory(
             last=command,
             ramps=(ramp,),
-            sightings=Sightings(unknown_state(NEVER_NS)),
             friction=friction.start if friction else None,
             believed=self.params.model.friction,
         )

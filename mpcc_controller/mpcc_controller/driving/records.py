@@ -11,7 +11,7 @@ from mpcc_controller.driving.choose import Candidacy, Choice, Outcome
 from mpcc_controller.driving.delay_compensation import SetpointRamp
 from mpcc_controller.driving.fallback import Decision, Plans
 from mpcc_controller.driving.friction_estimate import FrictionBelief, FrictionMemory
-from mpcc_controller.driving.obstacle_perception import Sightings
+from mpcc_controller.driving.obstacle_prediction import Tracks
 from mpcc_controller.driving.path_progress import Progress
 from mpcc_controller.driving.prediction_model import TickProblem
 from mpcc_controller.driving.ways import RoadAhead
@@ -103,10 +103,10 @@ class Memory:
 
     last: Command  # sent last, or the held actuators
     ramps: tuple[SetpointRamp, ...]  # set-points sent, the newest last
-    sightings: Sightings
     friction: FrictionMemory | None  # None where it is not estimated
     believed: float  # friction coefficient
     actuators: ActuatorState = field(default_factory=ActuatorState)
+    tracks: Tracks = field(default_factory=Tracks)
     guide: tuple[int, np.ndarray] | None = None  # stamp [ns] and points [m] of the last plan, map
     known: VehicleState | None = None  # the last state that was finite
     is_too_slow: bool = False

@@ -33,7 +33,7 @@ from mpcc_controller.driving import (
     delay_compensation,
     last_resort,
     measurement_errors,
-    obstacle_perception,
+    obstacle_prediction,
     path_progress,
     planner,
     recovery,
@@ -50,7 +50,6 @@ from mpcc_controller.driving.records import Attempt, Memory, TickInputs, TickRec
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.driving.watchdog import STATE_STALE
 from mpcc_controller.model.single_track import Car, State
-from mpcc_controller.problem import stage_parameters
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.conversions import NS_PER_S, add_seconds, ns_to_s
 from msgs_yaml.types import Command, VehicleState
@@ -218,19 +217,13 @@ def _sense(memory: Memory, inputs: TickInputs, scene: Scene, parts: Parts) -> Se
     memory, predicted = _predict(memory, measured, effective_ns, ramps, modelled, parts)
     recovers = bool(parts.params.fallback.recovery)
     sliding = recovers and recovery.is_sliding(predicted, modelled, memory.slid)
-    sightings = obstacle_perception.observe(
-        memory.sightings, scene, inputs.state, measured.stamp_ns, parts.params
+    tracks = obstacle_prediction.observe(
+        memory.tracks, scene, inputs.state, measured.stamp_ns, parts.params
     )
-    memory = replace(memory, sightings=sightings)
-    world = world_at(memory, scene, measured.stamp_ns, effective_ns, parts)
+    memory = replace(memory, tracks=tracks)
+    world = obstacle_prediction.scene_at(tracks, scene, effective_ns)
     now = Now(measured, predicted, sliding, start, world, modelled, effective_ns)
     return Sensed(memory, now, friction)
-
-
-def world_at(memory: Memory, scene: Scene, seen_ns: int, stamp_ns: int, parts: Parts) -> Scene:
-    """Return the scene as seen at an instant, with its obstacles moved to another."""
-    known = obstacle_perception.scene_known(memory.sightings, scene, seen_ns, parts.params)
-    return stage_parameters.scene_at(known, stamp_ns)
 
 
 def missing(scene: Scene) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
 """Explains a tick: the values of /controller/why and the planned poses, from a `TickRecord`."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -16,11 +16,12 @@ from mpcc_controller.path.distance import Disc
 from mpcc_controller.path.frenet_frame import FrenetDisc, FrenetPoint
 from mpcc_controller.problem import stage_parameters
 from mpcc_controller.problem.formulation import Formulation
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle
 from mpcc_controller.problem.plan_evaluator import PlanEvaluator, PlanValues
 from mpcc_controller.problem.stage_parameters import Scene, StageParameters
 from mpcc_controller.run_time_parameters import REPORTED
 from msgs_yaml.conversions import ns_to_s
-from msgs_yaml.types import Obstacle, Prediction, Why
+from msgs_yaml.types import Prediction, Why
 from stage_solver.solution import SOLVED
 
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs
@@ -180,7 +181,7 @@ def _solutions(attempt: Attempt) -> dict:
 
 
 def distances_now(
-    x: State, scene: Scene, obstacles: tuple[Obstacle, ...], params: ControllerParams
+    x: State, scene: Scene, obstacles: Sequence[PredictedObstacle], params: ControllerParams
 ) -> dict:
     """Return the distances at this instant, to obstacles also in path coordinates.
 

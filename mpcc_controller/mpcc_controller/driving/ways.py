@@ -18,9 +18,8 @@ from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import arc, reference_path, road_edges
 from mpcc_controller.path.arc import Arc
 from mpcc_controller.problem import stage_parameters
-from mpcc_controller.problem.obstacle_motion import position, velocity
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle
 from mpcc_controller.problem.stage_parameters import Scene
-from msgs_yaml.types import Obstacle
 
 LEFT, RIGHT, BEHIND = 1, -1, 0  # BEHIND: not passed within the horizon
 OVERLAP_M = 0.1
@@ -38,7 +37,7 @@ Sides = dict[int, int]  # by the id of the obstacle
 class Hazard(NamedTuple):
     """A dangerous obstacle beside the path, as a car that takes up the desired speed meets it."""
 
-    obstacle: Obstacle
+    obstacle: PredictedObstacle
     enter: float  # s, from then on it is beside the car
     leave: float  # s, until then
     lowest: float  # m, left of the path, its centre meanwhile
@@ -247,14 +246,14 @@ def contact_speed(X: np.ndarray, scene: Scene, params: ControllerParams) -> floa
         return 0.0
     stage = int(np.argmax(np.any(touches, axis=0)))
     x, obstacle = State(*X[stage]), scene.obstacles.items[int(np.argmax(touches[:, stage]))]
-    vX, vY = velocity(obstacle, stage * params.model.step_s)
+    vX, vY = obstacle.velocity(stage * params.model.step_s)
     vX = x.vx * math.cos(x.psi) - x.vy * math.sin(x.psi) - vX
     vY = x.vx * math.sin(x.psi) + x.vy * math.cos(x.psi) - vY
     return max(math.hypot(vX, vY), LEAST_CONTACT_MPS)
 
 
 def passed_sides(
-    X: np.ndarray, scene: Scene, obstacles: Sequence[Obstacle], params: ControllerParams
+    X: np.ndarray, scene: Scene, obstacles: Sequence[PredictedObstacle], params: ControllerParams
 ) -> Sides:
     """Return the side on which planned states (N + 1, 9) pass each obstacle, by its id.
 
@@ -313,12 +312,12 @@ def _gaps(X, scene, params) -> np.ndarray:
 
 
 @lru_cache(maxsize=16)
-def positions(obstacles: tuple[Obstacle, ...], count: int, dt: float):
+def positions(obstacles: tuple[PredictedObstacle, ...], count: int, dt: float):
     """Return X and Y (n, count) [m] of obstacles at the stages, not to be changed.
 
     A tick asks for those of the same obstacles ten times and more.
     """
     t = dt * np.arange(count)
-    X, Y = np.array([position(o, t) for o in obstacles]).transpose(1, 0, 2)
+    X, Y = np.array([o.position(t) for o in obstacles]).transpose(1, 0, 2)
     X.flags.writeable = Y.flags.writeable = False
     return X, Y

@@ -10,7 +10,6 @@ ocp                     constraints, and the stage problem of a formulation
 priorities              weight of a distance: Gaussian, or a step at contact
 stage_parameters        path, road, obstacles and parameters as numbers per stage
 obstacle_motion         obstacles over the horizon: on a line, at constant speed or braking
-road_following          the line of obstacles that move along the road
 distance_frame          where distances are measured: Cartesian or path coordinates
 bounds                  limits of actuators, speed and friction
 problem_check           refuses functions that are not finite where the car may be

@@ -19,9 +19,10 @@ from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import ocp
 from mpcc_controller.problem.cost_term_check import CostTermError
 from mpcc_controller.problem.formulation import Formulation
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle
 from mpcc_controller.problem.ocp import SymbolicOcp
 from mpcc_controller.problem.stage_parameters import Scene
-from msgs_yaml.types import Obstacle, Obstacles, Reference, RoadEdges
+from msgs_yaml.types import Obstacles, Reference, RoadEdges
 from node_runtime import named_vector
 from node_runtime.parameters import ParameterError
 from stage_solver.stage_problem import MAX_CACHED_PROBLEMS, Plan
@@ -34,7 +35,7 @@ DESIRED_MPS, GREATEST_MPS = 20.0, 60.0
 # the path: straight, then a bend to the left
 REST_AT_M, BEND_AT_M, LENGTH_M, CURVATURE_1PM = 10.0, 30.0, 120.0, 0.02
 HALF_WIDTH_M = 4.0
-OBSTACLE = Obstacle(1, 40.0, 2.0, 0.8, 2.0, 0.5)
+OBSTACLE = PredictedObstacle(1, 40.0, 2.0, 0.8, 2.0, 0.5)
 ROUNDING = 1e-9  # by which a squared error may be below 0
 SHOWN = 5  # quantities in a message
 

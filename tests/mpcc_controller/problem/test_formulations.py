@@ -13,7 +13,8 @@ from mpcc_controller.parameters import FORMULATIONS, INTEGRATED
 from mpcc_controller.path import reference_path, road_edges
 from mpcc_controller.problem import bounds, formulation, frenet_formulation, ocp, stage_parameters
 from mpcc_controller.problem.frenet_formulation import FrenetState
-from msgs_yaml.types import Obstacle, Obstacles, RoadEdges
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle
+from msgs_yaml.types import Obstacles, RoadEdges
 from node_runtime.parameters import ParameterError
 from stage_solver.stage_problem import Plan
 
@@ -26,7 +27,8 @@ SPREADS = {
     'frenet': FrenetState(2, 2, 0.2, 4, 1, 0.5, 0.2, 5000),
 }
 both = pytest.mark.parametrize('name', ['mpcc', 'frenet'])
-MOVING, STANDING = Obstacle(1, 60.0, 0.0, 1.0, 3.0, 0.5), Obstacle(2, 90.0, 2.0, 1.5, 0.0, 0.0)
+MOVING = PredictedObstacle(1, 60.0, 0.0, 1.0, 3.0, 0.5)
+STANDING = PredictedObstacle(2, 90.0, 2.0, 1.5, 0.0, 0.0)
 
 
 def with_obstacles(scene, *obstacles):
@@ -166,7 +168,9 @@ def test_the_outline_stays_on_the_track(world, pose, still, name, ahead):
 def test_of_many_obstacles_those_nearest_to_the_plan_count_and_empty_slots_cost_nothing(
     pose, scene
 ):
-    crowd = with_obstacles(scene, *(Obstacle(i, 20.0, 3.0 * i, 1.0, 0, 0) for i in range(9, 0, -1)))
+    crowd = with_obstacles(
+        scene, *(PredictedObstacle(i, 20.0, 3.0 * i, 1.0, 0, 0) for i in range(9, 0, -1))
+    )
     posed = pose(START, scene=crowd, drives=True)
     assert [o.id for o in posed.numbers.obstacles] == [1, 2, 3, 4]
     free = pose(START, scene=with_obstacles(scene), drives=True)

@@ -6,15 +6,16 @@ import pytest
 from mpcc_controller.driving import guesses
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import State
-from msgs_yaml.types import Obstacle, Obstacles
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle
+from msgs_yaml.types import Obstacles
 from stage_solver.solution import SOLVED
 
 DT = 0.05
 START = State(0.0, 0.0, 0.0, 20.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 BESIDE = State(40.0, 0.0, 0.0, 20.0, 0.0, 0.0, 40.0, 0.0, 0.0)
 NOISE = State(0.1, 0.1, 0.02, 0.5, 0.1, 0.05, 0.0, 0.01, 300.0)
-IN_THE_WAY = Obstacle(0, X=40.0, Y=1.9, r_obs=1.0, vX=0.0, vY=0.0)
-POPS_UP = Obstacle(1, X=48.0, Y=-1.6, r_obs=0.8, vX=0.0, vY=0.0)
+IN_THE_WAY = PredictedObstacle(0, X=40.0, Y=1.9, r_obs=1.0, vX=0.0, vY=0.0)
+POPS_UP = PredictedObstacle(1, X=48.0, Y=-1.6, r_obs=0.8, vX=0.0, vY=0.0)
 
 
 @pytest.fixture(scope='module')
