@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mpcc_controller.driving import guesses, ways
+from mpcc_controller.driving.fallback import rejection_reason
 from mpcc_controller.driving.prediction_model import PredictionModel, TickProblem
 from mpcc_controller.driving.ways import BEHIND, RoadAhead, Sides, are_opposed, is_same_way
 from mpcc_controller.model.single_track import Car, Input, State
@@ -218,11 +219,11 @@ def judge(
     name: str,
     problem: TickProblem,
     solution: Solution,
-    rejection: str,
     around: RoadAhead | None,
     params: ControllerParams,
 ) -> Outcome:
     """Return the outcome of a solved candidate; its solution is in the map."""
+    rejection = rejection_reason(solution, params.fallback)
     if rejection or around is None:
         return Outcome(name, problem, solution, rejection, {}, np.inf, 0.0)
     X, U, scene = solution.plan.X, solution.plan.U, problem.scene

@@ -6,12 +6,12 @@ Every function takes the memory of the ticks before and returns the one after.
 from dataclasses import replace
 from functools import partial
 
-from mpcc_controller.driving import choose, fallback, guesses, recovery
+from mpcc_controller.driving import choose, guesses, recovery
 from mpcc_controller.driving.choose import BRAKE, FOLLOWED, Candidacy, Outcome
 from mpcc_controller.driving.fallback import Decision
 from mpcc_controller.driving.parts import Parts
 from mpcc_controller.driving.prediction_model import TickProblem
-from mpcc_controller.driving.records import Attempt, Comparison, LastSolve, Memory
+from mpcc_controller.driving.records import Attempt, Memory
 from mpcc_controller.driving.ways import RoadAhead
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import REFRESHED
@@ -50,22 +50,28 @@ def plan(
     prepare_s = parts.clock() - began
     # what the paper's controller does not do is paid for by the solvers
     solving = began if parts.compares or from_law else began + prepare_s
-    first_guess = _first_guess(memory.prepared, problem, parts)
-    comparison, refreshes = None, None
+    first_guess = problem.guess_local
+    if memory.prepared is not None and guess.multipliers is not None:
+        # the stage parameters stay those around the shifted plan: preparation changes the way to
+        # the solution and not the problem
+        prepared = guesses.start_at(memory.prepared, x0)
+        first_guess = model.formulation.to_local(prepared, scene.path)
+    choice, refreshes, compare_s = None, None, None
     if others:
         compared = parts.clock()
+        first, solutions = solvers.solve_candidates(
+            [*others.values()], solving, partial(solvers.solve, problem, first_guess, solving)
+        )
+        compare_s = parts.clock() - compared
         problems = {FOLLOWED: problem, **others}
-        solutions = solvers.solve_beside(problem, first_guess, [*others.values()], solving)
-        solve_s = parts.clock() - compared
-        outcomes = _judge(problems, solutions, around, parts)
+        outcomes = _judge(problems, [first, *solutions], around, parts)
         choice, hold = choose.choose(
             outcomes, choose.path_sides(around), candidacy.hold, params.candidates
         )
         candidacy = choose.keep(candidacy._replace(hold=hold), choice, params.candidates)
-        comparison = Comparison(choice, solve_s)
         problem, solution = choice.outcome.problem, choice.outcome.solution
     else:
-        solution = solvers.solve_followed(problem, first_guess, solving)
+        solution = solvers.solve(problem, first_guess, solving)
     if params.surroundings.arcs == REFRESHED:
         problem, solution, refreshes = solvers.refresh_arcs(problem, solution, solving)
     if parts.compares:
@@ -78,24 +84,21 @@ def plan(
         return PLAN_TOUCHES if touches else ''
 
     plans, decision = plans.decide(params.fallback, solution, shifted, sliding, objection)
-    outcome = comparison.choice.outcome if comparison else None
-    solved = LastSolve(problem, around, solution, outcome)
-    memory = replace(memory, plans=plans, candidacy=candidacy, solved=solved, prepared=None)
-    return (
-        memory,
-        decision,
-        Attempt(
-            problem=problem,
-            solution=solution,
-            plan=decision.plan,
-            warm=warm,
-            prepare_s=prepare_s,
-            plan_age=plans.age,
-            failures=plans.failures,
-            candidates=comparison,
-            refreshes=refreshes,
-        ),
+    attempt = Attempt(
+        problem=problem,
+        solution=solution,
+        plan=decision.plan,
+        warm=warm,
+        prepare_s=prepare_s,
+        solve_s=solution.solve_s if compare_s is None else compare_s,
+        plan_age=plans.age,
+        failures=plans.failures,
+        choice=choice,
+        around=around,
+        refreshes=refreshes,
     )
+    memory = replace(memory, plans=plans, candidacy=candidacy, solved=attempt, prepared=None)
+    return memory, decision, attempt
 
 
 def guess_from_law(x0: State, scene: Scene, car: Car, parts: Parts) -> Plan:
@@ -116,7 +119,7 @@ def prepare(memory: Memory, scene: Scene, parts: Parts) -> Memory:
         return replace(memory, prepared=None)
     x0 = State(*plans.plan.X[1])
     guess = parts.model.shift_to(plans.plan, x0, car)
-    solution = parts.solvers.solve_ahead(parts.model.build_problem(x0, scene, guess, car))
+    solution = parts.solvers.solve(parts.model.build_problem(x0, scene, guess, car))
     return replace(memory, prepared=solution.plan if parts.solvers.is_usable(solution) else None)
 
 
@@ -128,13 +131,15 @@ def explore(memory: Memory, parts: Parts) -> Memory:
     postponed = memory.candidacy.postponed
     if not postponed:
         return memory
-    last, around, solution, driven = memory.solved
-    began = parts.clock()
+    solved, began = memory.solved, parts.clock()
+    last = solved.problem
     problems = _build(last.x0, last.scene, postponed, last.car, began, parts)
-    solutions = parts.solvers.solve_candidates([*problems.values()], began)
-    outcomes = _judge(problems, solutions, around, parts)
-    if driven is None:
-        (driven,) = _judge({FOLLOWED: last}, [solution], around, parts)
+    _, solutions = parts.solvers.solve_candidates([*problems.values()], began)
+    outcomes = _judge(problems, solutions, solved.around, parts)
+    if solved.choice:
+        driven = solved.choice.outcome
+    else:
+        (driven,) = _judge({FOLLOWED: last}, [solved.solution], solved.around, parts)
     candidacy = memory.candidacy._replace(postponed=())
     rules = parts.params.candidates
     return replace(memory, candidacy=choose.keep_new_ways(candidacy, driven, outcomes, rules))
@@ -169,18 +174,6 @@ def continue_plan(
     return memory, decision
 
 
-def _first_guess(prepared: Plan | None, problem: TickProblem, parts: Parts) -> Plan:
-    """Return the initial guess: the plan that was prepared for this tick if there is one.
-
-    The stage parameters stay those around the shifted plan, so that preparation changes the way to
-    the solution and not the problem.
-    """
-    if prepared is None or problem.guess_map.multipliers is None:
-        return problem.guess_local
-    guess = guesses.start_at(prepared, problem.x0)
-    return parts.model.formulation.to_local(guess, problem.scene.path)
-
-
 def _build(x0, scene, proposed, car, began, parts) -> dict[str, TickProblem]:
     """Return the problems of candidates by name, in the order of `proposed`.
 
@@ -200,13 +193,6 @@ def _build(x0, scene, proposed, car, began, parts) -> dict[str, TickProblem]:
 def _judge(problems, solutions, around: RoadAhead | None, parts: Parts) -> list[Outcome]:
     """Return the outcomes of solved candidates."""
     return [
-        choose.judge(
-            name,
-            problem,
-            solution,
-            fallback.rejection_reason(solution, parts.params.fallback),
-            around,
-            parts.params,
-        )
+        choose.judge(name, problem, solution, around, parts.params)
         for (name, problem), solution in zip(problems.items(), solutions, strict=True)
     ]

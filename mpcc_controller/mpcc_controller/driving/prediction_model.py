@@ -42,11 +42,6 @@ class TickProblem(NamedTuple):
     bounds: Bounds
     sliding: bool = False  # the car slides and is to be recovered
 
-    @property
-    def solver_arguments(self) -> tuple[np.ndarray, np.ndarray, Bounds]:
-        """What a `StageSolver` takes before the guess."""
-        return self.guess_local.X[0], self.parameters.P, self.bounds
-
 
 class PredictionModel:
     """The model of the car, the formulation of the problem, and their present parameters.

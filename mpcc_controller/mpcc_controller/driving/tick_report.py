@@ -120,7 +120,7 @@ class TickReporter:
             evaluated = self._evaluator.evaluate(plan, parameters.P)
             values |= _planned(evaluated, parameters, attempt.plan.U)
         # the lines of the candidates that may be driven, one text each, for viewers
-        outcomes = attempt.candidates.choice.outcomes if attempt.candidates else ()
+        outcomes = attempt.choice.outcomes if attempt.choice else ()
         for number, outcome in enumerate(outcomes):
             if outcome.is_usable:
                 points = outcome.solution.plan.X[::LINE_STAGES, :2]
@@ -141,7 +141,7 @@ def _actuators(check: ActuatorCheck) -> dict:
 
 def _solutions(attempt: Attempt) -> dict:
     """Return status and times of the solver; `solve_ms` is the time of all solves together."""
-    solution, compared = attempt.solution, attempt.candidates
+    solution = attempt.solution
     values = {
         'solver.warm': attempt.warm,
         'solver.status': solution.status,
@@ -151,16 +151,16 @@ def _solutions(attempt: Attempt) -> dict:
         'solver.dual_residual': solution.dual_residual,
         'solver.cost': solution.cost,
         'time.prepare_ms': 1e3 * attempt.prepare_s,
-        'time.solve_ms': 1e3 * (compared.solve_s if compared else solution.solve_s),
+        'time.solve_ms': 1e3 * attempt.solve_s,
         'time.solve_cpu_ms': 1e3 * solution.cpu_s,
         'plan.age': attempt.plan_age,
         'plan.failures': attempt.failures,
     }
     if attempt.refreshes is not None:
         values['solver.refreshes'] = attempt.refreshes
-    if compared is None:
+    if attempt.choice is None:
         return values
-    outcomes, chosen, switched = compared.choice
+    outcomes, chosen, switched = attempt.choice
     values['time.solve_cpu_ms'] = 1e3 * sum(outcome.solution.cpu_s for outcome in outcomes)
     values['candidates.count'] = len(outcomes)
     values['candidates.chosen'], values['candidates.switched'] = chosen, switched

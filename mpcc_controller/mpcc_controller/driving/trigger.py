@@ -117,7 +117,11 @@ class RealtimeTrigger(Trigger):
 
     def due(self) -> Due:
         """Return what to do with the state kept last; to be called once per message."""
-        if self.state is None or self._lacks_actuators():
+        if self.state is None:
+            return NOTHING
+        # a first step takes actuators of about its time
+        known = self.actuators is not None and abs(self.state - self.actuators) <= self.step_ns
+        if not (self.begun or known):
             return NOTHING
         begun, self.begun = self.begun, True
         self.answered, self.state = self.state, None
@@ -140,12 +144,6 @@ class RealtimeTrigger(Trigger):
     def age_s(self, now_ns: int) -> float:
         """Return the age [s] of the state answered last."""
         return ns_to_s(now_ns - self.answered)
-
-    def _lacks_actuators(self):
-        """Return whether a first step lacks actuators of about its time."""
-        if self.begun:
-            return False
-        return self.actuators is None or abs(self.state - self.actuators) > self.step_ns
 
 
 def make(mode: str, step_s: float) -> LockstepTrigger | RealtimeTrigger:

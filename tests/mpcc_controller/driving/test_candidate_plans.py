@@ -450,7 +450,7 @@ def test_the_time_to_guess_is_taken_from_the_solvers(
 def test_other_candidates_that_do_not_return_hold_no_tick(timed, world):
     solvers, hanging = timed.parts.solvers, HangingSolver()
     solvers.parallel.solvers = [hanging] * len(solvers.parallel.solvers)
-    solvers.solve_followed = delay(timed, solvers.solve_followed, PATIENCE_S - 0.01)
+    solvers.solve = delay(timed, solvers.solve, PATIENCE_S - 0.01)
     pop_up(timed, Obstacle(1, 32.0, 1.2, 1.0, 0.0, 0.0))
     began = time.monotonic()
     try:
