@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from rclpy.node import Node
 
-from mpcc_controller import minimum_speed
+from mpcc_controller import in_force
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.records import unknown_state
 from mpcc_controller.driving.trigger import LockstepTrigger, RealtimeTrigger
@@ -231,7 +231,7 @@ class ControllerInputs:
         """Warn once per change of desired speeds below or near the minimum speed."""
         minimum = self._controller.params.limits.least_speed_mps
         slowest = float(np.min(self._controller.scene.path.v))
-        relation = minimum_speed.compare(slowest, minimum, minimum_speed.DESIRED_MARGIN_MPS)
+        relation = in_force.compare_speed(slowest, minimum, in_force.DESIRED_MARGIN_MPS)
         warning = relation and (
             f'{TOPICS[REFERENCE]} asks for {slowest:.2f} m/s, {relation} '
             f'limits.least_speed_mps, {minimum:g} m/s: below that the car brakes to a stop'

@@ -10,7 +10,7 @@ import time
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
-from mpcc_controller import car_file, minimum_speed, run_time_parameters
+from mpcc_controller import car_file, in_force, run_time_parameters
 from mpcc_controller.controller_inputs_node import ACTUATORS, ControllerInputs
 from mpcc_controller.driving import trigger
 from mpcc_controller.driving.actuator_monitor import FAULT
@@ -56,10 +56,8 @@ class ControllerNode(ManagedNode):
         params, mode = self.params, ros.mode(self)
         self.vehicle = car_file.load(params)
         # what the car changes: limits of its actuators, and where its prediction is stable
-        for describe in (car_file.describe_cut_limits, minimum_speed.describe_raised):
-            text = describe(params, self.vehicle)
-            if text:
-                self.get_logger().info(text)
+        for text in in_force.describe_changes(params, self.vehicle):
+            self.get_logger().info(text)
         self.get_logger().info('preparing the solver')
         self.wall = SteadyClock()
         try:
@@ -287,7 +285,7 @@ class ControllerNode(ManagedNode):
         self.controller.prepare()
         self.publish_health(self.watchdog.on_step(why))
         limits, is_too_slow = self.controller.params.limits, why.values['reason'] == TOO_SLOW
-        stopping = minimum_speed.stopping_text(limits) if is_too_slow else ''
+        stopping = in_force.stopping_text(limits) if is_too_slow else ''
         if self.stopping_log.has_changed(stopping) and stopping:
             self.get_logger().warning(stopping)
         left_out = why.values.get(LEFT_OUT, 0)

@@ -49,7 +49,7 @@ class Formulation(Struct):
     heading: bool  # whether the heading error costs; in the paper only that of the baseline
     # whether the front share of the braking force is an input; left out: free
     brake_split: Annotated[str, Choice(FREE, FIXED)] | None
-    # of a fixed split; left out: `run_time_parameters.FRONT_SHARE`
+    # of a fixed split; left out: `in_force.FRONT_SHARE`
     brake_front_share: Annotated[float, Range(0.0, 1.0, '- of the braking force')] | None
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from mpcc_controller import run_time_parameters
 from mpcc_controller.driving import guesses
+from mpcc_controller.in_force import in_force
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import CarParams, ControllerParams
@@ -51,7 +52,7 @@ class PredictionModel:
 
     def __init__(self, params: ControllerParams, vehicle: CarParams):
         self._vehicle = vehicle
-        self.params = params = run_time_parameters.in_force(params, vehicle)
+        self.params = params = in_force(params, vehicle)
         self.car = stage_parameters.car(params, vehicle)  # on a road of `model.friction`
         self.formulation = formulation.make(params, self.car)
         compiled_queries.library()  # compiled now, not when the first path is set
@@ -79,7 +80,7 @@ class PredictionModel:
 
     def change(self, params: ControllerParams) -> None:
         """Plan with other weights and limits from now on; see `run_time_parameters`."""
-        self.params = run_time_parameters.in_force(params, self._vehicle)
+        self.params = in_force(params, self._vehicle)
         self.formulation.set_params(self.params)
 
     def check_effect(self, params: ControllerParams, changed: Sequence[str]) -> None:

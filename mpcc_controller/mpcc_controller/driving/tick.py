@@ -27,7 +27,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller import minimum_speed
 from mpcc_controller.driving import (
     braking,
     last_resort,
@@ -54,6 +53,7 @@ from mpcc_controller.driving.parts import Parts
 from mpcc_controller.driving.records import Attempt, Memory, TickInputs, TickRecord
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.driving.watchdog import STATE_STALE
+from mpcc_controller.in_force import least_driven
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.conversions import NS_PER_S, add_seconds, ns_to_s
@@ -266,7 +266,7 @@ def _decide(
         since_ns = measured.stamp_ns - memory.last.stamp_ns
         ticks = round(since_ns / (params.model.step_s * NS_PER_S))
         return *planner.continue_plan(memory, reason, ticks, modelled, parts), None, None
-    least = minimum_speed.least_driven(params.limits)
+    least = least_driven(params.limits)
     margin = params.limits.speed_hysteresis_mps if memory.is_too_slow else 0.0
     is_too_slow = bool(predicted.vx < least + margin)
     memory = replace(memory, is_too_slow=is_too_slow)

@@ -111,7 +111,9 @@ class TickReporter:
     def _plan_values(self, record: TickRecord) -> dict:
         attempt, params = record.attempt, self._params
         if attempt is None:
-            near = stage_parameters.closest_to_state(params, record.scene, record.x0)
+            here = State(*(np.array([value]) for value in record.x0))
+            known = record.scene.obstacles
+            near = stage_parameters.closest_obstacles(params, known, here, np.zeros(1))
             return distances_now(record.x0, record.scene, near, params)
         parameters, scene = attempt.problem.parameters, attempt.problem.scene
         values = distances_now(attempt.problem.x0, scene, parameters.obstacles, params)

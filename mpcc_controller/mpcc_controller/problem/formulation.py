@@ -13,7 +13,7 @@ from mpcc_controller.model.single_track import Car
 from mpcc_controller.parameters import FORMULATIONS, INTEGRATED, PROJECTED, ControllerParams
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import cost_terms, stage_parameters
-from mpcc_controller.problem.ocp import Rules, SafetyDistance, SymbolicOcp
+from mpcc_controller.problem.ocp import Rules, SafetyDistance, SymbolicOcp, VehicleCircles
 from mpcc_controller.problem.stage_parameters import CONSTANTS, Scene, StageParameters
 from node_runtime.parameters import ParameterError
 from stage_solver.stage_problem import Plan
@@ -40,12 +40,13 @@ class Formulation:
 
     def set_params(self, params: ControllerParams) -> None:
         """Take other weights and limits into the parameters of the stages."""
-        self.params, terms = params, self.rules.terms
+        self.params, terms, body = params, self.rules.terms, params.body
+        at_edges = body.circle_radius_m if body.edge_radius_m is None else body.edge_radius_m
         values = (
             self.car,
             cost_terms.weights(terms, params),
             SafetyDistance(params.safety.obstacle_m, params.safety.edge_m),
-            stage_parameters.vehicle_circles(params.body),
+            VehicleCircles(body.circle_radius_m, tuple(body.circle_offsets_m), at_edges),
             cost_terms.limits(terms, params),
             params.limits.least_speed_mps,
         )

@@ -3,21 +3,20 @@
 Shared by all formulations. The names of the YAML files end here; SI units and symbols from here on.
 """
 
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from mpcc_controller.model import stability
 from mpcc_controller.model.single_track import BLEND_FROM_MPS, Car, State
-from mpcc_controller.parameters import Body, CarParams, ControllerParams
+from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.path import distance
 from mpcc_controller.path.distance import Disc
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.path.road_edges import Road
 from mpcc_controller.problem.distance_frame import DistanceFrame
 from mpcc_controller.problem.obstacle_motion import PredictedObstacle
-from mpcc_controller.problem.ocp import SafetyDistance, VehicleCircles
+from mpcc_controller.problem.ocp import SafetyDistance
 from msgs_yaml.types import Obstacles
 from node_runtime import named_vector
 from node_runtime.parameters import ParameterError
@@ -81,11 +80,9 @@ def car(params: ControllerParams, vehicle: CarParams) -> Car:
                     f'actuators.{name}_s; allowed with a file of `identify` that has it'
                 )
         car = car._replace(**lags)
-    return _with_stable_blend(car, params.model.step_s) if params.model.low_speed else car
-
-
-@lru_cache
-def _with_stable_blend(car, dt):
+    if not params.model.low_speed:
+        return car
+    dt = params.model.step_s
     kinematic = stability.least_kinematic_speed(car._replace(kinematic_below=BLEND_FROM_MPS), dt)
     if not np.isfinite(kinematic):
         raise ParameterError(
@@ -99,12 +96,6 @@ def with_friction(car: Car, friction: float, params: ControllerParams) -> Car:
     """Return a car of `params.model.friction` on a road of another friction."""
     share = friction / params.model.friction
     return car._replace(mu_f=share * car.mu_f, mu_r=share * car.mu_r)
-
-
-def vehicle_circles(body: Body) -> VehicleCircles:
-    """Return the circles of the parameters; those without a radius at edges keep their own."""
-    at_edges = body.circle_radius_m if body.edge_radius_m is None else body.edge_radius_m
-    return VehicleCircles(body.circle_radius_m, tuple(body.circle_offsets_m), at_edges)
 
 
 def constant_numbers(stages) -> np.ndarray:
@@ -175,9 +166,3 @@ def closest_obstacles(params, obstacles: Obstacles, x: State, t) -> tuple[Predic
     if len(closest) > count:
         closest = sorted(closest, key=smallest_distance)[:count]
     return tuple(sorted(closest, key=lambda o: o.id))
-
-
-def closest_to_state(params, scene: Scene, x: State) -> tuple[PredictedObstacle, ...]:
-    """Return the obstacles closest to one state, ordered by id."""
-    states = State(*(np.array([value]) for value in x))
-    return closest_obstacles(params, scene.obstacles, states, np.zeros(1))

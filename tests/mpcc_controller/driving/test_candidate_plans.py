@@ -474,7 +474,7 @@ def test_other_candidates_that_do_not_return_hold_no_tick(timed, world):
 def test_late_candidates_are_dropped_the_first_way_last_then_the_plan_that_brakes(
     timed, world, build_s, built
 ):
-    parts, scene, now = timed.parts, timed.scene, timed.active_ramp.end
+    parts, scene, now = timed.parts, world.scene(world.straight()), timed.active_ramp.end
     x = world.rolling()
     _, x0 = path_progress.initial_state(Progress(), x, now, scene, None, parts.params)
     guess = planner.guess_from_law(x0, scene, timed.car, parts)

@@ -5,12 +5,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mpcc_controller import run_time_parameters
 from mpcc_controller.driving import planner
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.path_progress import LOST_M
 from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.driving.tick_solvers import MOST_REFRESHES, REFRESH_FROM_M
+from mpcc_controller.in_force import FRONT_SHARE
 from mpcc_controller.model.single_track import State
 from mpcc_controller.path import arc, reference_path
 from msgs_yaml import conformance, encode
@@ -162,7 +162,7 @@ def test_refreshing_ends_with_the_time_of_the_solver(world, limit_s, solves):
 @pytest.mark.parametrize(
     ('name', 'changes', 'share'),
     [
-        ('mpcc', {'formulation__brake_split': 'fixed'}, run_time_parameters.FRONT_SHARE),
+        ('mpcc', {'formulation__brake_split': 'fixed'}, FRONT_SHARE),
         (
             'frenet',
             {'formulation__brake_split': 'fixed', 'formulation__brake_front_share': 0.6},

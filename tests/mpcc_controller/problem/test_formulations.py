@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller import run_time_parameters
+from mpcc_controller import in_force
 from mpcc_controller.driving import ways
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
@@ -155,7 +155,7 @@ def test_a_slow_car_may_not_leave_the_road_for_nothing(pose, still, name, vx, be
 def test_the_outline_stays_on_the_track(world, pose, still, name, ahead):
     """A car of three circles whose CoG is well on the road and an end of it is not."""
     params, vehicle = world.load(name, body__circles=3)
-    params = run_time_parameters.in_force(params, vehicle)
+    params = in_force.in_force(params, vehicle)
     outline, yaw = vehicle.outline, 0.4 * ahead
     end = outline.front_m if ahead > 0 else outline.rear_m
     for beyond in (0.3, -0.1):
