@@ -10,7 +10,7 @@ PROBLEMS = 'mpcc_controller.problem'
 FORMULATIONS = {
     'mpcc': f'{PROBLEMS}.mpcc_formulation:MpccFormulation',
     'frenet': f'{PROBLEMS}.frenet_formulation:FrenetFormulation',
-    'tracking': f'{PROBLEMS}.tracking_formulation:TrackingFormulation',
+    'tracking': f'{PROBLEMS}.mpcc_formulation:TrackingFormulation',
 }
 PROJECTED, INTEGRATED = 'projected', 'integrated'  # values of model.theta
 CONVERGED, ONE_STEP = 'converged', 'one_step'  # of solver.mode

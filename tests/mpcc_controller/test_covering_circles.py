@@ -14,7 +14,7 @@ from mpcc_controller.driving.controller import Controller
 from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import CarOutline
 from mpcc_controller.problem import formulation, stage_parameters
-from mpcc_controller.problem.plan_evaluator import PlanEvaluator
+from mpcc_controller.problem.ocp import PlanEvaluator
 from msgs_yaml.types import Obstacle
 from node_runtime.parameters import ParameterError
 

@@ -16,8 +16,7 @@ choose               which plans a tick compares, which is driven, which are kep
 fallback             what to drive when a solve fails
 recovery             counter-steers a car that slides without a plan
 braking              braking along the last plan or the path, without optimisation
-last_resort          braking after an internal error, which shares nothing with the tick
-internal_errors      counts what was raised in a tick, by kind
+last_resort          after an internal error: counted; braking that shares nothing with the tick
 actuator_monitor     compares measured actuators with set-points; what is planned with a fault
 setpoints            set-points of the actuators, and commands
 friction_estimate    friction of the road from the motion of the car

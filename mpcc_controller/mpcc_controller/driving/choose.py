@@ -46,7 +46,7 @@ NEW_GUESSES = 2  # per tick: they take the most iterations, and on two cores oth
 MOST_NAMES = 64  # whose useless attempts are counted, the last ones
 # parameters of `candidates` that recordings may not have
 OPTIONAL = ('regain_speed', 'explore_after_command')
-SLACK = Input._fields.index('slack')
+SLACK, VX = Input._fields.index('slack'), State._fields.index('vx')
 
 
 class Candidate(NamedTuple):
@@ -193,8 +193,10 @@ def propose(
         brake = [Candidate(BRAKE, solved.plan)]
     elif solved is None and BRAKE not in waiting:
         plan = guesses.braking(guess.X, x0, car, params)
-        # the cheapest braking plan brakes less hard
-        if BRAKING_SHARE * guesses.braking_cost(plan, around, params) <= known.cost:
+        # of the speed that it loses; the cheapest braking plan brakes less hard
+        lost = np.maximum(np.minimum(around.vx, around.v_ref) - plan.X[:, VX], 0)
+        cost = float(np.sum((lost / params.tolerances.velocity_mps) ** 2))
+        if BRAKING_SHARE * cost <= known.cost:
             brake = [Candidate(BRAKE, plan)]
     room = params.candidates.most - 1 - len(brake)
     candidates = few_new(beside[:room] + brake)

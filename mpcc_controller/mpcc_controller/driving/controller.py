@@ -14,7 +14,7 @@ from mpcc_controller import run_time_parameters
 from mpcc_controller.driving import obstacle_prediction, path_progress, planner, setpoints, tick
 from mpcc_controller.driving.actuator_monitor import ActuatorState
 from mpcc_controller.driving.delay_compensation import SetpointRamp, constant_ramp
-from mpcc_controller.driving.internal_errors import INTERNAL_ERROR, InternalErrors
+from mpcc_controller.driving.last_resort import INTERNAL_ERROR, InternalErrors
 from mpcc_controller.driving.parts import Parts
 from mpcc_controller.driving.path_progress import Progress
 from mpcc_controller.driving.records import Memory, TickInputs, TickRecord

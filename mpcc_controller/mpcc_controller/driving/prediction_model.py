@@ -21,7 +21,7 @@ from mpcc_controller.problem import (
     problem_check,
     stage_parameters,
 )
-from mpcc_controller.problem.plan_evaluator import PlanEvaluator
+from mpcc_controller.problem.ocp import PlanEvaluator
 from mpcc_controller.problem.stage_parameters import Scene, StageParameters
 from stage_solver.compiled_functions import BufferedFunction
 from stage_solver.solution import ONE_STEP, Solution

@@ -48,7 +48,7 @@ from mpcc_controller.driving.delay_compensation import (
 from mpcc_controller.driving.fallback import BRAKING, RECOVERY, Decision
 from mpcc_controller.driving.friction_estimate import FrictionBelief
 from mpcc_controller.driving.gate import UNTIMELY
-from mpcc_controller.driving.internal_errors import INTERNAL_ERROR
+from mpcc_controller.driving.last_resort import INTERNAL_ERROR
 from mpcc_controller.driving.parts import Parts
 from mpcc_controller.driving.records import Attempt, Memory, TickInputs, TickRecord
 from mpcc_controller.driving.setpoints import Setpoints

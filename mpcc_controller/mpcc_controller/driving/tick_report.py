@@ -17,7 +17,7 @@ from mpcc_controller.path.frenet_frame import FrenetDisc, FrenetPoint
 from mpcc_controller.problem import stage_parameters
 from mpcc_controller.problem.formulation import Formulation
 from mpcc_controller.problem.obstacle_motion import PredictedObstacle
-from mpcc_controller.problem.plan_evaluator import PlanEvaluator, PlanValues
+from mpcc_controller.problem.ocp import PlanEvaluator, PlanValues
 from mpcc_controller.problem.stage_parameters import Scene, StageParameters
 from mpcc_controller.run_time_parameters import REPORTED
 from msgs_yaml.conversions import ns_to_s

@@ -155,11 +155,10 @@ def side_combinations(
 ) -> list[tuple[Sides, Profile]]:
     """Return the ways around the hazards, those that take the least acceleration first.
 
-    Where no car fits between obstacles or beside the road there is
-    no way; obstacles beyond the first MOST_SIDES are left to the solver.
+    Where no car fits between obstacles or beside the road there is no way; obstacles beyond the
+    first MOST_SIDES are left to the solver.
     """
-    hazards, motion = around.hazards[:MOST_SIDES], lateral_motion(around, x0)
-    ways = []
+    hazards, ways = around.hazards[:MOST_SIDES], []
     for chosen in itertools.product((LEFT, RIGHT), repeat=len(hazards)):
         slots: list[Slot] = []
         for hazard, side in zip(hazards, chosen):
@@ -170,8 +169,14 @@ def side_combinations(
                 break
             slots.append(slot)
         else:
+            acceleration, t, (e, rate) = 0.0, 0.0, lateral_motion(around, x0)
+            for slot in slots:
+                T = max(slot.enter - t, LEAST_TIME_S)
+                needed = QUINTIC_PEAK * abs(slot.offset - e - rate * T / 2) / T**2
+                acceleration = max(acceleration, needed)
+                t, e, rate = slot.leave, slot.offset, 0.0
             least_cost = max(slot.least_cost for slot in slots)
-            shape = Profile(tuple(slots), _largest_acceleration(slots, *motion), least_cost)
+            shape = Profile(tuple(slots), acceleration, least_cost)
             ways.append(({h.obstacle.id: side for h, side in zip(hazards, chosen)}, shape))
     return sorted(ways, key=lambda way: way[1].acceleration)
 
@@ -217,16 +222,6 @@ def _overlap(before: Slot, after: Slot) -> tuple[Slot, Slot | None]:
         offset=min(max(after.offset, low), high),
     )
     return before, after
-
-
-def _largest_acceleration(slots: Sequence[Slot], start: float, rate: float) -> float:
-    """Return the largest lateral acceleration [m/s^2] from the offset `start` through the slots."""
-    acceleration, t, e = 0.0, 0.0, start
-    for slot in slots:
-        T = max(slot.enter - t, LEAST_TIME_S)
-        acceleration = max(acceleration, QUINTIC_PEAK * abs(slot.offset - e - rate * T / 2) / T**2)
-        t, e, rate = slot.leave, slot.offset, 0.0
-    return acceleration
 
 
 def least_gaps(X: np.ndarray, scene: Scene, params: ControllerParams) -> np.ndarray:

@@ -78,22 +78,9 @@ def _front_slip_excess(q: StageQuantities):
     return excess(alpha, q.p.envelope.front_slip * single_track.sliding_slips(q.p.car).f)
 
 
-def _rear_slip_excess(q: StageQuantities):
-    alpha = ca.atan(single_track.slips(q.x, q.p.car).r)
-    return excess(alpha, q.p.envelope.rear_slip * single_track.sliding_slips(q.p.car).r)
-
-
-def _yaw_rate_excess(q: StageQuantities):
-    return excess(q.x.r, q.p.envelope.yaw_rate * single_track.greatest_yaw_rate(q.x, q.p.car))
-
-
 def _soft_limit(name, parameter, excess_of):
     """Return the term of an excess over the share `name` of `parameters.Envelope`."""
     return CostTerm(name, parameter, lambda q: excess_of(q) ** 2, optional=True, limit=name)
-
-
-def _brake_split_error(q: StageQuantities):
-    return (q.u.lambda_b - single_track.ideal_split(q.x.Fx, q.p.car)) ** 2
 
 
 VELOCITY = CostTerm('vel', 'tolerances.velocity_mps', lambda q: (q.x.vx - q.p.v_ref) ** 2)
@@ -106,8 +93,21 @@ DISTANCES = (
 # driving envelopes for path tracking in autonomous vehicles", CEP 2017
 ENVELOPE = (
     _soft_limit('front_slip', 'tolerances.front_slip_excess_rad', _front_slip_excess),
-    _soft_limit('rear_slip', 'tolerances.rear_slip_excess_rad', _rear_slip_excess),
-    _soft_limit('yaw_rate', 'tolerances.yaw_rate_excess_radps', _yaw_rate_excess),
+    _soft_limit(
+        'rear_slip',
+        'tolerances.rear_slip_excess_rad',
+        lambda q: excess(
+            ca.atan(single_track.slips(q.x, q.p.car).r),
+            q.p.envelope.rear_slip * single_track.sliding_slips(q.p.car).r,
+        ),
+    ),
+    _soft_limit(
+        'yaw_rate',
+        'tolerances.yaw_rate_excess_radps',
+        lambda q: excess(
+            q.x.r, q.p.envelope.yaw_rate * single_track.greatest_yaw_rate(q.x, q.p.car)
+        ),
+    ),
 )
 INPUTS = (
     CostTerm('d_delta', 'tolerances.steer_rate_radps', lambda q: q.u.d_delta**2, uses_input=True),
@@ -115,7 +115,7 @@ INPUTS = (
     CostTerm(
         'lambda_b',
         'tolerances.brake_split',
-        _brake_split_error,
+        lambda q: (q.u.lambda_b - single_track.ideal_split(q.x.Fx, q.p.car)) ** 2,
         uses_input=True,
         absent_with=('brake_split', FIXED),
     ),

@@ -9,7 +9,7 @@ import pytest
 from mpcc_controller.driving import guesses
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.problem import bounds, formulation, ocp, stage_parameters
-from mpcc_controller.problem.plan_evaluator import PlanEvaluator
+from mpcc_controller.problem.ocp import PlanEvaluator
 from mpcc_controller.problem.stage_parameters import StageParameters
 from node_runtime import named_vector
 from stage_solver.reference_solvers import ReferenceSolver
