@@ -24,7 +24,6 @@ from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import Candidates, ControllerParams
 from mpcc_controller.path import reference_path
 from mpcc_controller.problem.stage_parameters import Scene
-from node_runtime.parameters import ParameterError
 from stage_solver.solution import Solution
 from stage_solver.stage_problem import Plan
 
@@ -44,8 +43,6 @@ MOST_DOUBLINGS = 2
 DEAR, RESTS = 1.5, 2
 NEW_GUESSES = 2  # per tick: they take the most iterations, and on two cores others would wait
 MOST_NAMES = 64  # whose useless attempts are counted, the last ones
-# parameters of `candidates` that recordings may not have
-OPTIONAL = ('regain_speed', 'explore_after_command')
 SLACK, VX = Input._fields.index('slack'), State._fields.index('vx')
 
 
@@ -138,16 +135,6 @@ class Choice(NamedTuple):
         return self.outcomes[self.chosen]
 
 
-def check(params: Candidates) -> None:
-    """Raise ParameterError where parameters that a comparison needs are missing."""
-    for name, value in vars(params).items():
-        if value is None and name not in OPTIONAL:
-            raise ParameterError(
-                f'candidates.{name}: is missing, and candidates.most is above 1; '
-                'allowed to be left out with candidates.most 1'
-            )
-
-
 def propose(
     known: Candidacy, x0: State, scene: Scene, guess: Plan, car: Car, model: PredictionModel
 ) -> tuple[Candidacy, RoadAhead | None, list[Candidate]]:
@@ -174,6 +161,12 @@ def propose(
         waits={n: w._replace(ticks=max(w.ticks - 1, 0)) for n, w in known.waits.items()},
     )
     waiting = {name for name, wait in known.waits.items() if wait.ticks}
+
+    def agrees(sides, wanted):
+        """Return whether a plan passes some obstacle as wanted, and none on the other side."""
+        passes = any(sides.get(key, BEHIND) == side for key, side in wanted.items())
+        return passes and not are_opposed(sides, wanted)
+
     followed = sides_of(guess, around, scene, params)
     beside: list[Candidate] = []
     for sides, shape in ways.side_combinations(around, x0, params):
@@ -182,7 +175,7 @@ def propose(
         if is_same_way(sides, {key: followed.get(key, BEHIND) for key in sides}):
             continue
         name = ways.name_of(sides)
-        solved = next((k for k in kept if _agrees(k.sides, sides)), None)
+        solved = next((k for k in kept if agrees(k.sides, sides)), None)
         if solved is not None and not solved.rests:
             beside.append(Candidate(name, solved.plan))
         elif solved is None and name not in waiting:
@@ -349,12 +342,6 @@ def sides_of(plan: Plan, around: RoadAhead, scene: Scene, params: ControllerPara
     return ways.passed_sides(plan.X, scene, obstacles, params)
 
 
-def path_sides(around: RoadAhead | None) -> Sides:
-    """Return the sides on which the coarse path passes the dangerous obstacles."""
-    known = around.hazards if around else ()
-    return {h.obstacle.id: h.path_side for h in known if h.path_side != BEHIND}
-
-
 def regaining_cost(X: np.ndarray, scene: Scene, car: Car, params: ControllerParams) -> float:
     """Return what the velocity will cost after planned states (N + 1, 9), until it is desired.
 
@@ -377,9 +364,3 @@ def regaining_cost(X: np.ndarray, scene: Scene, car: Car, params: ControllerPara
 
 def _least_gap(X: np.ndarray, scene: Scene, params: ControllerParams) -> float:
     return float(np.min(ways.least_gaps(X, scene, params)))
-
-
-def _agrees(sides: Sides, wanted: Sides) -> bool:
-    """Return whether a plan passes some obstacle as wanted, and none on the other side."""
-    passes = any(sides.get(key, BEHIND) == side for key, side in wanted.items())
-    return passes and not are_opposed(sides, wanted)

@@ -102,7 +102,7 @@ class Controller:
         fault = path_progress.objection(path, x) if x else ''
         if fault:
             return fault
-        if self.scene.path is None or not reference_path.is_equal(path, self.scene.path):
+        if self.scene.path is None or not np.array_equal(path.table, self.scene.path.table):
             self.scene = self.scene._replace(path=path)
             self.memory = replace(self.memory, progress=Progress())
         return ''
@@ -256,12 +256,17 @@ class Controller:
         Afterwards code and data are in memory, and the computing time is known. The first steps of
         a controller that compares plans meet an obstacle, so that all of its solvers have worked.
         """
-        memory, scene = self.memory, self.scene
-        compares = self.parts.compares and not self.missing()
+        memory, scene, emergency = self.memory, self.scene, self.scene
+        if self.parts.compares and not self.missing():  # one that a car at `x` passes or brakes for
+            theta = reference_path.project(scene.path, x.X, x.Y, None, 0.0)
+            _, v_ref = reference_path.arcs_at(scene.path, theta)
+            ahead = max(AHEAD_S * max(x.vx, float(v_ref)), LEAST_AHEAD_M)
+            arcs, _ = reference_path.arcs_at(scene.path, theta + ahead)
+            obstacle = Obstacle(1, float(arcs.X), float(arcs.Y), 0.5, 0.0, 0.0)
+            emergency = scene._replace(obstacles=scene.obstacles._replace(items=(obstacle,)))
         try:
             for number in range(steps):
-                is_emergency = compares and number < EMERGENCIES
-                self.scene = _with_obstacle_ahead(scene, x) if is_emergency else scene
+                self.scene = emergency if number < EMERGENCIES else scene
                 stamp_ns = conversions.add_seconds(x.stamp_ns, self.params.model.step_s)
                 x = x._replace(stamp_ns=stamp_ns)
                 yield self.step(TickInputs(x))
@@ -288,16 +293,3 @@ class Controller:
             friction=friction.start if friction else None,
             believed=self.params.model.friction,
         )
-
-
-def _with_obstacle_ahead(scene: Scene, x: VehicleState) -> Scene:
-    """Return a complete scene with one obstacle instead of its own, on the path ahead of the car.
-
-    A car at `x` has to pass it or to brake for it.
-    """
-    theta = reference_path.project(scene.path, x.X, x.Y, None, 0.0)
-    _, v_ref = reference_path.arcs_at(scene.path, theta)
-    ahead = max(AHEAD_S * max(x.vx, float(v_ref)), LEAST_AHEAD_M)
-    arcs, _ = reference_path.arcs_at(scene.path, theta + ahead)
-    obstacle = Obstacle(1, float(arcs.X), float(arcs.Y), 0.5, 0.0, 0.0)
-    return scene._replace(obstacles=Obstacles(scene.obstacles.stamp_ns, (obstacle,)))

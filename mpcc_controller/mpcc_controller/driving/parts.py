@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable
 
 from mpcc_controller import run_time_parameters
-from mpcc_controller.driving import choose
 from mpcc_controller.driving.actuator_monitor import ActuatorMonitor
 from mpcc_controller.driving.friction_estimate import FrictionEstimator
 from mpcc_controller.driving.gate import Gate
@@ -13,6 +12,10 @@ from mpcc_controller.driving.prediction_model import PredictionModel
 from mpcc_controller.driving.tick_solvers import TickSolvers
 from mpcc_controller.parameters import CarParams, ControllerParams
 from msgs_yaml.conversions import NS_PER_S
+from node_runtime.parameters import ParameterError
+
+# parameters of `candidates` that may be left out where plans are compared
+OPTIONAL = ('regain_speed', 'explore_after_command')
 
 
 class Parts:
@@ -34,8 +37,12 @@ class Parts:
         self.params = params = self.model.params  # with the limits of the car
         self.start_limits, self.params_to_brake = params.limits, params
         self.compares = (params.candidates.most or 1) > 1
-        if self.compares:
-            choose.check(params.candidates)
+        for name, value in vars(params.candidates).items() if self.compares else ():
+            if value is None and name not in OPTIONAL:
+                raise ParameterError(
+                    f'candidates.{name}: is missing, and candidates.most is above 1; '
+                    'allowed to be left out with candidates.most 1'
+                )
         self.solvers = TickSolvers(self.model, limit_time, clock)
         self.command_ns = round((params.delay.command_s or 0.0) * NS_PER_S)
         self.actuators = ActuatorMonitor(vehicle)

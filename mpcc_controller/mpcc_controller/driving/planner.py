@@ -12,7 +12,7 @@ from mpcc_controller.driving.fallback import Decision
 from mpcc_controller.driving.parts import Parts
 from mpcc_controller.driving.prediction_model import TickProblem
 from mpcc_controller.driving.records import Attempt, Memory
-from mpcc_controller.driving.ways import RoadAhead
+from mpcc_controller.driving.ways import BEHIND, RoadAhead
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import REFRESHED
 from mpcc_controller.problem.stage_parameters import Scene
@@ -65,9 +65,8 @@ def plan(
         compare_s = parts.clock() - compared
         problems = {FOLLOWED: problem, **others}
         outcomes = _judge(problems, [first, *solutions], around, parts)
-        choice, hold = choose.choose(
-            outcomes, choose.path_sides(around), candidacy.hold, params.candidates
-        )
+        path_sides = {h.obstacle.id: h.path_side for h in around.hazards if h.path_side != BEHIND}
+        choice, hold = choose.choose(outcomes, path_sides, candidacy.hold, params.candidates)
         candidacy = choose.keep(candidacy._replace(hold=hold), choice, params.candidates)
         problem, solution = choice.outcome.problem, choice.outcome.solution
     else:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from mpcc_controller.driving import ways
-from mpcc_controller.driving.actuator_monitor import FAULT, ActuatorCheck
+from mpcc_controller.driving.actuator_monitor import FAULT
 from mpcc_controller.driving.fallback import BRAKING, RECOVERY
 from mpcc_controller.driving.records import Attempt, TickRecord
 from mpcc_controller.model import single_track
@@ -90,8 +90,14 @@ class TickReporter:
         values['split.ideal'] = float(single_track.ideal_split(force, self._formulation.car))
         values['gate.rejections'] = sum(record.rejections.values())
         values |= {f'gate.{reason}': n for reason, n in sorted(record.rejections.items())}
-        if record.actuators is not None:
-            values |= _actuators(record.actuators)
+        # how far the actuators are beyond their set-points, and which do not follow them
+        check = record.actuators
+        if check is not None and check.age_s is not None:
+            values[ACTUATORS_AGE] = 1e3 * check.age_s
+            values['actuators.steer_error_rad'] = check.steer_error
+            values['actuators.force_error_n'] = check.force_error
+        if check is not None and check.faults:
+            values[FAULT] = '+'.join(check.faults)
         if record.resumed:
             values[RESUMED] = True
         # obstacles that the problem has no room for
@@ -129,16 +135,6 @@ class TickReporter:
                 line = ' '.join(f'{X:.2f},{Y:.2f}' for X, Y in points)
                 values[f'candidates.{number}.line'] = line
         return values
-
-
-def _actuators(check: ActuatorCheck) -> dict:
-    """Return how far the actuators are beyond their set-points, and which do not follow them."""
-    values = {}
-    if check.age_s is not None:
-        values[ACTUATORS_AGE] = 1e3 * check.age_s
-        values['actuators.steer_error_rad'] = check.steer_error
-        values['actuators.force_error_n'] = check.force_error
-    return values | ({FAULT: '+'.join(check.faults)} if check.faults else {})
 
 
 def _solutions(attempt: Attempt) -> dict:

@@ -6,7 +6,6 @@ frenet_formulation      the baseline, in path coordinates
 cost_terms              the one list of cost terms, with their weights
 cost_term_check         refuses terms that contradict each other or the parameters
 ocp                     constraints, the stage problem of a formulation, evaluation of plans
-priorities              weight of a distance: Gaussian, or a step at contact
 stage_parameters        path, road, obstacles and parameters as numbers per stage
 obstacle_motion         obstacles over the horizon: on a line, at constant speed or braking
 distance_frame          where distances are measured: Cartesian or path coordinates

@@ -17,7 +17,7 @@ import casadi as ca
 
 from mpcc_controller.model import single_track
 from mpcc_controller.parameters import FIXED, ControllerParams
-from mpcc_controller.problem import cost_term_check, priorities
+from mpcc_controller.problem import cost_term_check
 
 
 class StageQuantities(NamedTuple):
@@ -52,6 +52,36 @@ class CostTerm(NamedTuple):
         return f"cost term '{self.name}' ({self.parameter})"
 
 
+# m; the step of the baseline's priority changes by 80 % within 2.2 of these, 4 cm: a solver that
+# uses derivatives needs a continuous cost at contact
+STEP_BLEND = 0.02
+
+
+def gaussian_priority(D, D_sft):
+    """Return q / P_k (paper 3.3): 1 in contact, Gaussian within the safety distance, 0 beyond."""
+    gauss = ca.exp(-2 * ca.fmax(D, 0) ** 2 / D_sft**2)
+    return ca.if_else(D_sft >= D, gauss, 0)
+
+
+def step_priority(D, D_sft):
+    """Return q / P_k of the baseline: 1 within the safety distance, 2 in contact, 0 beyond.
+
+    Brown & Gerdes' published code doubles the cost of an intrusion at contact; the step is blended
+    there by a tanh of `STEP_BLEND`. P_k is the weight before contact.
+    """
+    doubled = (3 - ca.tanh(D / STEP_BLEND)) / 2
+    return ca.if_else(D_sft >= D, doubled, 0)
+
+
+def intrusion(D, D_sft, priority=gaussian_priority):
+    """Return the squared error of a distance times q / P_k [m^2] (paper, section 3.3)."""
+    return priority(D, D_sft) * (D - D_sft) ** 2
+
+
+# by the value of the parameter formulation.priority
+PRIORITIES = {'gaussian': gaussian_priority, 'step': step_priority}
+
+
 def periodic_square(angle):
     """Return about angle^2 [rad^2], equal for whole turns more or less.
 
@@ -63,7 +93,7 @@ def periodic_square(angle):
 
 def intrusions(distances, D_sft, priority):
     """Return the sum of the squared errors of distances within D_sft (paper, section 3.3)."""
-    return sum(priorities.intrusion(D, D_sft, priority) for circles in distances for D in circles)
+    return sum(intrusion(D, D_sft, priority) for circles in distances for D in circles)
 
 
 def excess(value, limit):

@@ -18,7 +18,7 @@ from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import arc, distance, reference_path, road_edges
 from mpcc_controller.path.arc import Arc, Pose
 from mpcc_controller.path.reference_path import ReferencePath
-from mpcc_controller.problem import cost_terms, ocp, priorities, stage_parameters
+from mpcc_controller.problem import cost_terms, ocp, stage_parameters
 from mpcc_controller.problem.cost_terms import CostTerm, StageQuantities
 from mpcc_controller.problem.distance_frame import CARTESIAN, FRAMES
 from mpcc_controller.problem.formulation import Formulation
@@ -89,7 +89,7 @@ def symbolic_ocp(
     quantities: Callable = quantities,
 ) -> SymbolicOcp:
     """Return the formulation for vehicle circles and obstacles of the given numbers."""
-    rules = rules or Rules(CARTESIAN, priorities.gaussian_priority, cost_terms.PAPER)
+    rules = rules or Rules(CARTESIAN, cost_terms.gaussian_priority, cost_terms.PAPER)
     template = Stage(
         **ocp.common_template(circles, rules),
         path=Arc(*Arc._fields),
@@ -126,7 +126,7 @@ class MpccFormulation(Formulation):
         options = params.formulation
         rules = Rules(
             FRAMES[options.distance],
-            priorities.PRIORITIES[options.priority],
+            cost_terms.PRIORITIES[options.priority],
             cost_terms.in_use(self.terms, params),
             single_track.structure(car),
         )

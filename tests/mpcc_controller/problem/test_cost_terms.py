@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mpcc_controller.model.single_track import Input, State
-from mpcc_controller.problem import priorities
+from mpcc_controller.problem import cost_terms
 
 START = State(50.0, 0.5, 0.05, 20.0, 0.0, 0.0, 50.0, 0.0, 0.0)
 D_SFT = 0.5
@@ -17,10 +17,10 @@ EXPECTED = {
 }
 
 
-@pytest.mark.parametrize('kind', priorities.PRIORITIES)
+@pytest.mark.parametrize('kind', cost_terms.PRIORITIES)
 def test_the_cost_of_a_distance_is_its_closed_form_and_its_slope_has_no_jump(kind):
     symbol = ca.SX.sym('D')
-    intrusion = priorities.intrusion(symbol, D_SFT, priorities.PRIORITIES[kind])
+    intrusion = cost_terms.intrusion(symbol, D_SFT, cost_terms.PRIORITIES[kind])
     curve = ca.Function('curve', [symbol], [intrusion, ca.gradient(intrusion, symbol)])
 
     def expected(D):
