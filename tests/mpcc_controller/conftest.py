@@ -2,6 +2,7 @@
 
 import dataclasses
 from functools import cache
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import casadi as ca
@@ -273,24 +274,7 @@ def realtime():
 
 @pytest.fixture(scope='session')
 def world():
-    """Return the helpers of this file: test modules cannot import it."""
-    return World
-
-
-class World:
-    """The helpers of this file under one name."""
-
-    load = staticmethod(load)
-    path = staticmethod(path)
-    straight = staticmethod(straight)
-    lane_change = staticmethod(lane_change)
-    scene = staticmethod(scene)
-    set_inputs = staticmethod(set_inputs)
-    rolling = staticmethod(rolling)
-    tick = staticmethod(tick)
-    drive = staticmethod(drive)
-    make_car = staticmethod(make_car)
-    ModifiedSolver = ModifiedSolver
-    Clock = Clock
-    ESTIMATE = ESTIMATE
-    REST = REST
+    """Return the helpers of this file under one name: test modules cannot import it."""
+    helpers = load, path, straight, lane_change, scene, set_inputs, rolling, tick, drive, make_car
+    names = {helper.__name__: helper for helper in (*helpers, ModifiedSolver, Clock)}
+    return SimpleNamespace(**names, ESTIMATE=ESTIMATE, REST=REST)

@@ -3,7 +3,6 @@
 import dataclasses
 import threading
 import time
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -275,16 +274,6 @@ def test_a_car_brakes_to_a_stop_where_every_plan_leads_through_the_obstacles(con
     assert 'plan_touches' in {why.values['reason'] for why in run.whys}
 
 
-def test_a_car_too_near_to_a_closed_road_brakes_and_does_not_drive_on_through_it(controller, world):
-    """The circles touch however hard the car brakes."""
-    pop_up(controller, *wall(24.0))
-    drive = world.drive(controller, 15)
-    assert all(why.values['reason'] == 'plan_touches' for why in drive.whys)
-    forces = [command.Fxf + command.Fxr for command in drive.commands]
-    assert all(later <= earlier for earlier, later in pairwise(forces))
-    assert forces[-1] < -12e3
-
-
 def watch_proposals(monkeypatch, note):
     """Call `note` with what is known before a proposal, and what it returns."""
     propose = choose.propose
@@ -349,15 +338,6 @@ def test_braking_drops_kept_plans_and_guesses_that_were_put_off(explorer, world)
     assert decision.level == BRAKING
     assert braked.candidacy == Candidacy()
     assert planner.explore(braked, explorer.parts) is braked
-
-
-def test_a_solver_that_fails_after_the_command_costs_the_guess_only(explorer, world, monkeypatch):
-    pop_up(explorer, BESIDE, FAR)
-    solves = explorer.parts.solvers.parallel
-    failing = [world.ModifiedSolver(solver, explode) for solver in solves.solvers]
-    monkeypatch.setattr(solves, 'solvers', failing)
-    assert [why.values['rung'] for why in roll(explorer, world, 2)] == [SOLVED, SOLVED]
-    assert explorer.memory.candidacy.kept == ()
 
 
 # the time of a tick on the wall clock: guesses and candidates are paid for by the solvers

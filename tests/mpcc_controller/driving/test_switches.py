@@ -15,7 +15,6 @@ from mpcc_controller.model.single_track import State
 from mpcc_controller.path import arc, reference_path
 from msgs_yaml import conformance, encode
 from msgs_yaml.types import VehicleState
-from node_runtime.parameters import ParameterError
 from stage_solver.solution import FAILED, ONE_STEP, SOLVED
 
 TICK_NS = 50_000_000
@@ -180,12 +179,6 @@ def test_a_fixed_split_brakes_with_its_share_and_has_no_cost(world, changed, nam
     assert shares == pytest.approx([share] * len(braking), abs=1e-3)
     terms = {term.name for term in controller.parts.model.formulation.ocp.terms}
     assert ('lambda_b' in terms) == ('formulation__brake_split' not in changes)
-
-
-@pytest.mark.parametrize('name', ['frenet', 'tracking'])
-def test_a_theta_that_cannot_be_integrated_is_named(world, name):
-    with pytest.raises(ParameterError, match=r'model\.theta: .*allowed'):
-        Controller(*world.load(name, model__theta='integrated'))
 
 
 # the modes of the solver

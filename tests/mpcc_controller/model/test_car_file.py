@@ -35,12 +35,6 @@ def test_a_bare_name_is_a_file_in_config_and_anything_else_a_path(params, shippe
         car_file.load(dataclasses.replace(params, car_file='nosuch.yaml'))
 
 
-def test_the_identified_car_understeers(shipped):
-    tyre, car = shipped.tyre, shipped.car
-    front = tyre.front_cornering_npr * car.cog_to_front_m
-    assert front < tyre.rear_cornering_npr * car.cog_to_rear_m
-
-
 @pytest.mark.parametrize(('given', 'used'), [(None, 1.0), (0.0, 0.0), (0.4, 0.4)])
 def test_the_drive_layout_is_that_of_the_car_unless_the_controller_has_its_own(
     params, shipped, given, used

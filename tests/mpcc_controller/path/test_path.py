@@ -189,14 +189,6 @@ def test_the_foot_does_not_jump_to_the_other_leg_of_a_hairpin():
     assert reference_path.project(path, -7.0, 1.0, None, 10.0) == pytest.approx(-7.0)
 
 
-def test_a_long_segment_is_found_although_its_ends_are_far():
-    X, Y = np.array([0.0, 100.0, 110.0, 110.0, 50.0]), np.array([0.0, 0.0, 10.0, 30.0, 40.0])
-    psi, t = np.array([0.0, 0.1, 1.2, 1.9, 3.0]), np.array([0.0, 5.0, 6.0, 7.0, 9.0])
-    path = reference_path.build(Reference(0, X, Y, psi, t))
-    point = frenet_frame.to_frenet(path, np.array([50.0]), np.array([1.0]), 40.0)
-    assert point.s[0] == pytest.approx(50.0, abs=5.0)
-
-
 def test_positions_that_are_not_finite_give_values_that_are_not_finite():
     path, nowhere = circle(), np.array([np.nan])
     assert not np.isfinite(reference_path.arcs_at(path, nowhere)[0].X).any()

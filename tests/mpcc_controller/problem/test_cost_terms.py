@@ -89,20 +89,6 @@ def test_the_measure_of_distances_counts_only_beside_a_bend_and_only_for_distanc
         assert mine == pytest.approx(other, abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    ('change', 'same'),
-    [
-        ({'distance': 'path'}, False),
-        ({'priority': 'step'}, False),
-        ({'heading': True}, False),
-        ({'lag': False}, True),
-    ],
-)
-def test_a_rule_of_structure_is_another_problem_and_the_lag_is_a_number(pose, change, same):
-    options = {f'formulation__{name}': value for name, value in change.items()}
-    assert (pose(START, **options).problem() == pose(START).problem()) == same
-
-
 ENVELOPE = {
     'front_slip': 'front_slip_excess_rad',
     'rear_slip': 'rear_slip_excess_rad',

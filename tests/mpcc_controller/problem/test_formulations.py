@@ -9,9 +9,9 @@ from mpcc_controller import in_force
 from mpcc_controller.driving import ways
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
-from mpcc_controller.parameters import FORMULATIONS, INTEGRATED
+from mpcc_controller.parameters import INTEGRATED
 from mpcc_controller.path import reference_path, road_edges
-from mpcc_controller.problem import bounds, formulation, frenet_formulation, ocp, stage_parameters
+from mpcc_controller.problem import bounds, frenet_formulation, ocp, stage_parameters
 from mpcc_controller.problem.frenet_formulation import FrenetState
 from mpcc_controller.problem.obstacle_motion import PredictedObstacle
 from msgs_yaml.types import Obstacles, RoadEdges
@@ -57,13 +57,6 @@ def test_the_objective_is_the_sum_of_the_logged_terms(pose, name):
         assert logged == pytest.approx(cost, rel=1e-12)
 
     check()
-
-
-@pytest.mark.parametrize('name', FORMULATIONS)
-def test_the_formulation_that_the_parameters_name_is_made(pose, name):
-    form = pose(START, name).form
-    assert type(form) is formulation.find(name)
-    assert form.ocp.name == name
 
 
 def test_weights_are_one_over_the_squared_tolerances(pose):
