@@ -5,7 +5,6 @@ next step. /controller/why reports every parameter that was changed since the st
 from the first step with its new value on: a replay takes the values from there.
 """
 
-import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -53,12 +52,6 @@ def change(params: ControllerParams, changes: Mapping[str, Any]) -> ControllerPa
     return parameters.build(ControllerParams, values | dict(changes), SOURCE)
 
 
-def changed_names(before: ControllerParams, after: ControllerParams) -> tuple[str, ...]:
-    """Return the dotted names of the parameters in which two differ."""
-    old = parameters.flatten(before)
-    return tuple(name for name, value in parameters.flatten(after).items() if value != old[name])
-
-
 def check_effect(
     after: ControllerParams, changed: Sequence[str], vehicle: CarParams, in_problem: Iterable[str]
 ) -> None:
@@ -92,17 +85,6 @@ def check_emergency_limits(after: ControllerParams, start: Limits) -> None:
                 f'{SOURCE}: limits.{name}: is {value:g}; allowed from {least:g}, '
                 f'{LEAST_SHARE:g} of its value at the start'
             )
-
-
-def emergency_limits(limits: Limits, start: Limits) -> Limits:
-    """Return the limits of the gate and of braking without a plan.
-
-    Those of the start, or the present ones where they are wider: what is changed while the
-    controller drives restrains its plans, not its emergency brake.
-    """
-    names = (*EMERGENCY_LIMITS, 'drive_n')
-    wider = {name: max(getattr(limits, name), getattr(start, name)) for name in names}
-    return dataclasses.replace(start, **wider)
 
 
 def reported(values: Mapping[str, Any]) -> dict[str, float]:

@@ -11,6 +11,7 @@ the next tick.
 """
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -167,30 +168,31 @@ def propose(
         passes = any(sides.get(key, BEHIND) == side for key, side in wanted.items())
         return passes and not are_opposed(sides, wanted)
 
-    followed = sides_of(guess, around, scene, params)
+    def candidates_of(name, solved, guess):
+        """Return the kept plan of a way, else a guess of it; none while it rests or waits."""
+        if solved is not None:
+            return [] if solved.rests else [Candidate(name, solved.plan)]
+        plan = None if name in waiting else guess()
+        return [] if plan is None else [Candidate(name, plan)]
+
+    followed = ways.passed_sides(guess.X, scene, around.obstacles, params)
     beside: list[Candidate] = []
     for sides, shape in ways.side_combinations(around, x0, params):
-        if shape.least_cost > known.cost:
+        passed = {key: followed.get(key, BEHIND) for key in sides}
+        if shape.least_cost > known.cost or is_same_way(sides, passed):
             continue
-        if is_same_way(sides, {key: followed.get(key, BEHIND) for key in sides}):
-            continue
-        name = ways.name_of(sides)
         solved = next((k for k in kept if agrees(k.sides, sides)), None)
-        if solved is not None and not solved.rests:
-            beside.append(Candidate(name, solved.plan))
-        elif solved is None and name not in waiting:
-            beside.append(Candidate(name, guesses.along_profile(around, shape, x0, car, params)))
-    brake: list[Candidate] = []
-    solved = next((k for k in kept if k.name == BRAKE), None)
-    if solved is not None and not solved.rests:
-        brake = [Candidate(BRAKE, solved.plan)]
-    elif solved is None and BRAKE not in waiting:
+        along = partial(guesses.along_profile, around, shape, x0, car, params)
+        beside += candidates_of(ways.name_of(sides), solved, along)
+
+    def braking():
         plan = guesses.braking(guess.X, x0, car, params)
         # of the speed that it loses; the cheapest braking plan brakes less hard
         lost = np.maximum(np.minimum(around.vx, around.v_ref) - plan.X[:, VX], 0)
         cost = float(np.sum((lost / params.tolerances.velocity_mps) ** 2))
-        if BRAKING_SHARE * cost <= known.cost:
-            brake = [Candidate(BRAKE, plan)]
+        return plan if BRAKING_SHARE * cost <= known.cost else None
+
+    brake = candidates_of(BRAKE, next((k for k in kept if k.name == BRAKE), None), braking)
     room = params.candidates.most - 1 - len(brake)
     candidates = few_new(beside[:room] + brake)
     if is_urgent or now < CONTACT_M or not params.candidates.explore_after_command:
@@ -231,7 +233,7 @@ def judge(
         problem,
         solution,
         '',
-        sides=sides_of(solution.plan, around, scene, params),
+        sides=ways.passed_sides(X, scene, around.obstacles, params),
         least_gap=gap,
         off_road=float(np.max(U[:, SLACK])),
         contact_speed=ways.contact_speed(X, scene, params) if gap < 0 else 0.0,
@@ -334,12 +336,6 @@ def is_braking_better(
     overlap = -_least_gap(plan.X, scene, params)
     # a plan through an obstacle goes on there: braking is better even at the same speed
     return braked <= (planned if overlap > THROUGH_M else MUCH_SLOWER * planned)
-
-
-def sides_of(plan: Plan, around: RoadAhead, scene: Scene, params: ControllerParams) -> Sides:
-    """Return the sides on which a plan passes the dangerous obstacles."""
-    obstacles = [hazard.obstacle for hazard in around.hazards]
-    return ways.passed_sides(plan.X, scene, obstacles, params)
 
 
 def regaining_cost(X: np.ndarray, scene: Scene, car: Car, params: ControllerParams) -> float:

@@ -35,6 +35,7 @@ from msgs_yaml.types import (
     VehicleState,
     Why,
 )
+from node_runtime import parameters
 from node_runtime.parameters import ParameterError
 
 NEVER_NS = -1  # older than every stamp
@@ -159,7 +160,8 @@ class Controller:
     def check_change(self, params: ControllerParams) -> None:
         """Raise ParameterError for a change that would have no effect or break off the drive."""
         run_time_parameters.check_emergency_limits(params, self.parts.start_limits)
-        changed = run_time_parameters.changed_names(self._given, params)
+        old = parameters.flatten(self._given)
+        changed = [k for k, value in parameters.flatten(params).items() if value != old[k]]
         self.parts.model.check_effect(params, changed)
         now, limits = self.active_ramp.end, params.limits
         present = {

@@ -5,7 +5,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mpcc_controller.driving.setpoints import SetpointTarget
+from mpcc_controller.driving.braking import Point
+from mpcc_controller.driving.recovery import recovery_target
+from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.driving.ways import (
     LEAST_TIME_S,
     QUINTIC_PEAK,
@@ -53,24 +55,21 @@ def from_path(path: ReferencePath, x0: State, car: Car, horizon: int, dt: float)
     return start_at(Plan(np.column_stack(states), np.tile(constant, (horizon, 1))), x0)
 
 
-def from_law(
-    law: Callable[[State], SetpointTarget],
-    step: Callable,
-    car: Car,
-    x0: State,
-    horizon: int,
-    dt: float,
+def from_recovery(
+    x0: State, path: ReferencePath, car: Car, step: Callable, params: ControllerParams
 ) -> Plan:
-    """Return the plan that a control law drives in the prediction model (single shooting).
+    """Return the plan that the recovery law drives in the prediction model (single shooting).
 
-    `law` gives the set-points at the end of a tick from the state at its begin; `step` is that of
-    `single_track.step`. The guess obeys the dynamics and the limits of the actuators, from any
-    state: a car that slides is not near any plan along the path.
+    `step` is that of `single_track.step`. The guess obeys the dynamics and the limits of the
+    actuators, from any state: a car that slides is not near any plan along the path.
     """
-    X, U, parameters = [np.array(x0, float)], [], np.array(car)
-    for _ in range(horizon):
+    X, U, parameters, dt = [np.array(x0, float)], [], np.array(car), params.model.step_s
+    for _ in range(params.model.horizon):
         x = State(*X[-1].tolist())
-        target = law(x)
+        preview = max(params.braking.preview_s * x.vx, params.braking.least_preview_m)
+        arcs, _ = reference_path.arcs_at(path, x.theta + preview)
+        ahead = Point(float(arcs.X), float(arcs.Y))
+        target = recovery_target(x, Setpoints(x.delta, x.Fx), ahead, car, params)
         rates = (target.delta - x.delta) / dt, (target.Fx - x.Fx) / dt
         u = Input(*rates, lambda_b=target.lambda_b, slack=0.0)
         U.append(np.array(u, float))

@@ -4,13 +4,13 @@ import dataclasses
 import time
 from collections.abc import Callable
 
-from mpcc_controller import run_time_parameters
 from mpcc_controller.driving.actuator_monitor import ActuatorMonitor
 from mpcc_controller.driving.friction_estimate import FrictionEstimator
 from mpcc_controller.driving.gate import Gate
 from mpcc_controller.driving.prediction_model import PredictionModel
 from mpcc_controller.driving.tick_solvers import TickSolvers
 from mpcc_controller.parameters import CarParams, ControllerParams
+from mpcc_controller.run_time_parameters import EMERGENCY_LIMITS
 from msgs_yaml.conversions import NS_PER_S
 from node_runtime.parameters import ParameterError
 
@@ -61,10 +61,17 @@ class Parts:
     def change(self, params: ControllerParams) -> None:
         """Plan and drive by other weights and limits from the next tick on.
 
-        The gate and braking without a plan keep the limits of the start, where these are wider.
+        The gate and braking without a plan keep the limits of the start, where these are wider:
+        what is changed while the controller drives restrains its plans, not its emergency brake.
         """
         self.model.change(params)
         self.params = self.model.params
-        limits = run_time_parameters.emergency_limits(self.params.limits, self.start_limits)
+        limits = dataclasses.replace(
+            self.start_limits,
+            **{
+                name: max(getattr(self.params.limits, name), getattr(self.start_limits, name))
+                for name in (*EMERGENCY_LIMITS, 'drive_n')
+            },
+        )
         self.gate = self.gate._replace(limits=limits)
         self.params_to_brake = dataclasses.replace(self.params, limits=limits)

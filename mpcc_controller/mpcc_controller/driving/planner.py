@@ -6,7 +6,7 @@ Every function takes the memory of the ticks before and returns the one after.
 from dataclasses import replace
 from functools import partial
 
-from mpcc_controller.driving import choose, guesses, recovery
+from mpcc_controller.driving import choose, guesses
 from mpcc_controller.driving.choose import BRAKE, FOLLOWED, Candidacy, Outcome
 from mpcc_controller.driving.fallback import Decision
 from mpcc_controller.driving.parts import Parts
@@ -17,7 +17,7 @@ from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import REFRESHED
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.conversions import add_seconds
-from stage_solver.stage_problem import Plan, shift
+from stage_solver.stage_problem import shift
 
 PLAN_TOUCHES = 'plan_touches'  # an obstacle before which the car can stop
 BUILDING_SHARE = 0.25  # of `solver.time_limit_s` in which the problems of candidates are built
@@ -37,7 +37,7 @@ def plan(
     shifted = None if plans.plan is None else model.shift_to(plans.plan, x0, car)
     from_law = sliding and (not warm or bool(plans.failures))
     if from_law:
-        guess = guess_from_law(x0, scene, car, parts)
+        guess = guesses.from_recovery(x0, scene.path, car, model.step, params)
     elif not warm:
         guess = guesses.from_path(scene.path, x0, car, params.model.horizon, params.model.step_s)
     else:  # without the multipliers from which the solver failed
@@ -98,13 +98,6 @@ def plan(
     )
     memory = replace(memory, plans=plans, candidacy=candidacy, solved=attempt, prepared=None)
     return memory, decision, attempt
-
-
-def guess_from_law(x0: State, scene: Scene, car: Car, parts: Parts) -> Plan:
-    """Return the plan that the recovery law drives from `x0` in the prediction model."""
-    law = partial(recovery.target_along_path, path=scene.path, car=car, params=parts.params)
-    horizon, step_s = parts.params.model.horizon, parts.params.model.step_s
-    return guesses.from_law(law, parts.model.step, car, x0, horizon, step_s)
 
 
 def prepare(memory: Memory, scene: Scene, parts: Parts) -> Memory:

@@ -68,7 +68,8 @@ class PredictionModel:
         """Return the car on a road of a friction."""
         if friction == self.params.model.friction:
             return self.car
-        return stage_parameters.with_friction(self.car, friction, self.params)
+        share, car = friction / self.params.model.friction, self.car
+        return car._replace(mu_f=share * car.mu_f, mu_r=share * car.mu_r)
 
     def car_to_brake(self, friction: float) -> Car:
         """Return the car on a road of a little more friction than is believed.

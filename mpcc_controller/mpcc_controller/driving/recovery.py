@@ -35,10 +35,8 @@ from mpcc_controller.driving.setpoints import (
     within_limits,
 )
 from mpcc_controller.model import single_track
-from mpcc_controller.model.single_track import Car, State
-from mpcc_controller.parameters import ControllerParams, Limits
-from mpcc_controller.path import reference_path
-from mpcc_controller.path.reference_path import ReferencePath
+from mpcc_controller.model.single_track import Car
+from mpcc_controller.parameters import ControllerParams
 from msgs_yaml.types import VehicleState
 
 LEAST_MPS = 3.0  # a slower car does not slide: it is braked
@@ -105,7 +103,19 @@ def recovery_target(
     r_d = F_yr * wheelbase / (car.l_f * car.m * v) + K_BETA * (beta - beta_d)
     moment = car.Izz * K_R * (r_d - x.r)
     F_yf = (moment + car.l_r * F_yr) / car.l_f
-    Fx = _brake_force(F_yf, F_yr, beta, car, limits)
+    # the largest braking force that both axles hold beside their lateral forces
+    if abs(beta) > SPUN_RAD:  # no steering brings the car back: as hard as the friction allows
+        Fx = -max_braking_force(0.0, car, limits)
+    else:
+        use, level = limits.friction_use, single_track.loads(0.0, car)
+        front, rear = use * car.mu_f * level.f, use * car.mu_r * level.r
+        front = lateral_capacity(front, min(abs(F_yf), front))
+        rear = lateral_capacity(rear, min(abs(F_yr), rear))
+        share = allowed_split(0.0, car, limits)
+        # an axle that does not brake limits nothing
+        front = front / share if share > 0 else math.inf
+        rear = rear / (1 - share) if share < 1 else math.inf
+        Fx = -BRAKE_USE * min(front, rear, limits.brake_n)
     force_step = limits.force_rate_nps * step_s
     Fx = min(max(Fx, now.Fx - force_step), now.Fx + force_step)
     Fx = min(max(Fx, -limits.brake_n), limits.drive_n)
@@ -114,16 +124,6 @@ def recovery_target(
     capacity = lateral_capacity(car.mu_f * single_track.loads(Fx, car).f, float(front))
     delta = _front_direction(x, car) + slip_of(F_yf, capacity, car.C_f)
     return within_limits(delta, Fx, lambda_b, now, limits, step_s)
-
-
-def target_along_path(
-    x: State, path: ReferencePath, car: Car, params: ControllerParams
-) -> SetpointTarget:
-    """Return the set-points of one step of recovery of a predicted state, towards its path."""
-    preview = max(params.braking.preview_s * x.vx, params.braking.least_preview_m)
-    arcs, _ = reference_path.arcs_at(path, x.theta + preview)
-    ahead = Point(float(arcs.X), float(arcs.Y))
-    return recovery_target(x, Setpoints(x.delta, x.Fx), ahead, car, params)
 
 
 def _predict(x: VehicleState, now: Setpoints, car: Car, t: float) -> VehicleState:
@@ -153,23 +153,3 @@ def _lateral_force(slip, capacity, C):
         return 0.0
     s = min(abs(C * math.tan(min(max(slip, -1.5), 1.5)) / (3 * capacity)), 1.0)
     return -math.copysign(capacity * s * (3 - 3 * s + s**2), slip)
-
-
-def _brake_force(F_yf, F_yr, beta, car: Car, limits: Limits) -> float:
-    """Return the braking force [N], negative, that both axles hold beside their lateral forces.
-
-    Beyond SPUN_RAD no steering brings the car back: it brakes as hard as the friction allows.
-    """
-    if abs(beta) > SPUN_RAD:
-        return -max_braking_force(0.0, car, limits)
-    Fz = single_track.loads(0.0, car)
-    use = limits.friction_use
-    front = lateral_capacity(use * car.mu_f * Fz.f, min(abs(F_yf), use * car.mu_f * Fz.f))
-    rear = lateral_capacity(use * car.mu_r * Fz.r, min(abs(F_yr), use * car.mu_r * Fz.r))
-    share = min(
-        max(Fz.f / (Fz.f + Fz.r), limits.brake_front_share_min), limits.brake_front_share_max
-    )
-    # an axle that does not brake limits nothing
-    front = front / share if share > 0 else math.inf
-    rear = rear / (1 - share) if share < 1 else math.inf
-    return -BRAKE_USE * min(front, rear, limits.brake_n)

@@ -56,6 +56,11 @@ class RoadAhead(NamedTuple):
     left: np.ndarray  # (N + 1,) m, how far left
     hazards: tuple[Hazard, ...]  # in the order in which the car meets them
 
+    @property
+    def obstacles(self) -> list[PredictedObstacle]:
+        """The dangerous obstacles, in the same order."""
+        return [hazard.obstacle for hazard in self.hazards]
+
 
 def road_ahead(
     scene: Scene, x0: State, lines: Iterable[np.ndarray], car: Car, params: ControllerParams

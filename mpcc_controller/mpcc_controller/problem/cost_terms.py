@@ -199,9 +199,6 @@ TUNED = (
     'priorities.edge',
 )
 
-# without the optional terms, for problems without parameters
-PAPER = tuple(term for term in MPCC if not term.optional)
-
 
 def in_use(terms: Sequence[CostTerm], params: ControllerParams) -> tuple[CostTerm, ...]:
     """Return the terms of the problem: their parameter is given, optional ones are on.

@@ -20,7 +20,7 @@ from mpcc_controller.path.arc import Arc, Pose
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import cost_terms, ocp, stage_parameters
 from mpcc_controller.problem.cost_terms import CostTerm, StageQuantities
-from mpcc_controller.problem.distance_frame import CARTESIAN, FRAMES
+from mpcc_controller.problem.distance_frame import FRAMES
 from mpcc_controller.problem.formulation import Formulation
 from mpcc_controller.problem.ocp import (
     Constraints,
@@ -82,14 +82,9 @@ def constraints(x: State, u: Input, p: Stage) -> Constraints:
 
 @cache
 def symbolic_ocp(
-    circles: int,
-    obstacles: int,
-    rules: Rules | None = None,
-    name: str = 'mpcc',
-    quantities: Callable = quantities,
+    circles: int, obstacles: int, rules: Rules, name: str, quantities: Callable
 ) -> SymbolicOcp:
     """Return the formulation for vehicle circles and obstacles of the given numbers."""
-    rules = rules or Rules(CARTESIAN, cost_terms.gaussian_priority, cost_terms.PAPER)
     template = Stage(
         **ocp.common_template(circles, rules),
         path=Arc(*Arc._fields),

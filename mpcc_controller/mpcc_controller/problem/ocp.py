@@ -74,7 +74,7 @@ class Rules(NamedTuple):
     frame: DistanceFrame
     priority: Any  # (D, D_sft) -> q / P_k
     terms: tuple[CostTerm, ...]
-    car: Car = single_track.PAPER  # its structure
+    car: Car  # its structure
 
 
 def common_template(circles: int, rules: Rules) -> dict[str, Any]:

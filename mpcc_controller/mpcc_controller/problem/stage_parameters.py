@@ -92,12 +92,6 @@ def car(params: ControllerParams, vehicle: CarParams) -> Car:
     return car._replace(kinematic_below=kinematic)
 
 
-def with_friction(car: Car, friction: float, params: ControllerParams) -> Car:
-    """Return a car of `params.model.friction` on a road of another friction."""
-    share = friction / params.model.friction
-    return car._replace(mu_f=share * car.mu_f, mu_r=share * car.mu_r)
-
-
 def constant_numbers(stages) -> np.ndarray:
     """Return the numbers of the constant parameters, the first fields of `stages`."""
     numbers = named_vector.leaves(stages[: len(CONSTANTS)])

@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from mpcc_controller.driving import choose, path_progress, planner
+from mpcc_controller.driving import choose, guesses, path_progress, planner
 from mpcc_controller.driving.choose import BRAKE, Candidacy, Candidate, Choice, Outcome
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.fallback import BRAKING, SHIFTED
@@ -408,7 +408,7 @@ def delay(controller, function, takes_s):
     ('owner', 'name', 'vy', 'takes_s'),
     [
         (choose, 'propose', 0.0, 0.003),
-        (planner, 'guess_from_law', 8.0, 0.004),
+        (guesses, 'from_recovery', 8.0, 0.004),
         (choose, 'propose', 0.0, 1.0),  # no time is left, and the tick still answers
     ],
 )
@@ -457,7 +457,7 @@ def test_late_candidates_are_dropped_the_first_way_last_then_the_plan_that_brake
     parts, scene, now = timed.parts, world.scene(world.straight()), timed.active_ramp.end
     x = world.rolling()
     _, x0 = path_progress.initial_state(Progress(), x, now, scene, None, parts.params)
-    guess = planner.guess_from_law(x0, scene, timed.car, parts)
+    guess = guesses.from_recovery(x0, scene.path, timed.car, parts.model.step, parts.params)
     others = [Candidate(name, guess) for name in ('left of 1', 'right of 1', BRAKE)]
     parts.model.build_problem = delay(timed, parts.model.build_problem, build_s)
     arguments = x0, scene, others, timed.car
