@@ -232,23 +232,20 @@ class ControllerNode(ManagedNode):
         self.note(error)
         if stamp_ns in (None, self.sent_ns):
             return
+        x = None
         try:
-            record = self.controller.brake(TickInputs(self.state_of(stamp_ns)))
+            x = self.inputs.decode_state()
+        except Exception as another:
+            self.note(another)
+        known = x is not None and x.stamp_ns == stamp_ns
+        try:
+            record = self.controller.brake(TickInputs(x if known else unknown_state(stamp_ns)))
             self.send(record.command)
         except Exception as another:
             self.note(another)
             self.trigger.on_lost(stamp_ns)
         else:
             self.try_to_explain(record)
-
-    def state_of(self, stamp_ns):
-        """Return the state with this stamp, an unknown one where it cannot be had."""
-        try:
-            x = self.inputs.decode_state()
-        except Exception as error:
-            self.note(error)
-            x = None
-        return x if x and x.stamp_ns == stamp_ns else unknown_state(stamp_ns)
 
     def send(self, command):
         """Publish a command."""

@@ -137,7 +137,17 @@ class Controller:
 
         `resumed`: after a pause, which the report of the next step says.
         """
-        held = setpoints.hold_actuators(actuators, self.params.limits, NEVER_NS)
+        limits, force = self.params.limits, actuators.Fxf + actuators.Fxr
+        share = np.clip(force, -limits.brake_n, limits.drive_n) / force if force else 0.0
+        if actuators.Fxf * actuators.Fxr < 0:  # no axle drives while the other brakes
+            share = 0.0
+        held = Command(
+            stamp_ns=NEVER_NS,
+            delta=float(np.clip(actuators.delta, -limits.steer_rad, limits.steer_rad)),
+            d_delta=0.0,
+            Fxf=float(share * actuators.Fxf),
+            Fxr=float(share * actuators.Fxr),
+        )
         self.memory = replace(
             self._begin(held),
             actuators=ActuatorState(start=actuators),

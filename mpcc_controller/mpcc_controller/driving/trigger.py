@@ -19,12 +19,15 @@ NOTHING = Due(step=False, repeat=False, restart=False)
 class Trigger:
     """The stamps of the state kept last, of the actuators and of the last answer."""
 
+    obstacles = None
+
     def __init__(self, step_s: float):
         self.step_ns = round(step_s * NS_PER_S)
         self.state = self.actuators = self.answered = None
 
     def on_obstacles(self, stamp_ns: int) -> None:
         """Note the stamp of the obstacles; in realtime they do not trigger a step."""
+        self.obstacles = stamp_ns
 
     def on_actuators(self, stamp_ns: int) -> None:
         """Note the stamp of the actuators."""
@@ -40,7 +43,6 @@ class LockstepTrigger(Trigger):
     """
 
     with_states = False
-    obstacles = None
 
     def on_state(self, stamp_ns: int) -> bool:
         """Note the stamp of a state; return whether the state is to be kept."""
@@ -48,10 +50,6 @@ class LockstepTrigger(Trigger):
             return False
         self.state = stamp_ns
         return True
-
-    def on_obstacles(self, stamp_ns: int) -> None:
-        """Note the stamp of the obstacles."""
-        self.obstacles = stamp_ns
 
     @property
     def needs_actuators(self) -> bool:

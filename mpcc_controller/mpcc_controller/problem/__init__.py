@@ -3,8 +3,7 @@
 formulation             the interface of a formulation, and the list of them
 mpcc_formulation        the paper's MPCC, and trajectory tracking
 frenet_formulation      the baseline, in path coordinates
-cost_terms              the one list of cost terms, with their weights
-cost_term_check         refuses terms that contradict each other or the parameters
+cost_terms              the one list of cost terms, with their weights and what is refused
 ocp                     constraints, the stage problem of a formulation, evaluation of plans
 stage_parameters        path, road, obstacles and parameters as numbers per stage
 obstacle_motion         obstacles over the horizon: on a line, at constant speed or braking

@@ -4,15 +4,19 @@ Outside a formulation a plan is in the map: its states are `single_track.State`,
 distance along the path. Inside it is in the states of the problem that is solved ("local").
 """
 
+from collections.abc import Sequence
 from pkgutil import resolve_name
 from typing import Any, ClassVar
 
 import numpy as np
 
+from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car
 from mpcc_controller.parameters import FORMULATIONS, INTEGRATED, PROJECTED, ControllerParams
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import cost_terms, stage_parameters
+from mpcc_controller.problem.cost_terms import CostTerm
+from mpcc_controller.problem.distance_frame import DistanceFrame
 from mpcc_controller.problem.ocp import Rules, SafetyDistance, SymbolicOcp, VehicleCircles
 from mpcc_controller.problem.stage_parameters import CONSTANTS, Scene, StageParameters
 from node_runtime.parameters import ParameterError
@@ -30,10 +34,14 @@ class Formulation:
     has_lag: ClassVar[bool]  # whether formulation.lag may be true
     integrates_theta: ClassVar[bool]  # whether model.theta may be integrated
     has_track_centre: ClassVar[bool]  # whether the track is arcs around the centre of the road
+    terms: ClassVar[Sequence[CostTerm]]
     ocp: SymbolicOcp
 
-    def __init__(self, params: ControllerParams, car: Car, rules: Rules):
-        self.car, self.rules = car, rules
+    def __init__(self, params: ControllerParams, car: Car, frame: DistanceFrame):
+        priority = cost_terms.PRIORITIES[params.formulation.priority]
+        terms = cost_terms.in_use(self.terms, params)
+        self.car = car
+        self.rules = Rules(frame, priority, terms, single_track.structure(car))
         # of vehicle circles and of obstacles in the problem
         self.size = len(params.body.circle_offsets_m), params.surroundings.max_obstacles
         self.set_params(params)

@@ -149,11 +149,10 @@ class FrenetFormulation(Formulation):
     has_lag = False
     integrates_theta = False
     has_track_centre = False
+    terms = cost_terms.FRENET
 
     def __init__(self, params: ControllerParams, car: Car):
-        priority = cost_terms.PRIORITIES[params.formulation.priority]
-        terms = cost_terms.in_use(cost_terms.FRENET, params)
-        super().__init__(params, car, Rules(FRENET, priority, terms, single_track.structure(car)))
+        super().__init__(params, car, FRENET)
         self.ocp = symbolic_ocp(*self.size, self.rules)
 
     def stage_parameters(

@@ -118,15 +118,8 @@ class MpccFormulation(Formulation):
     quantities = staticmethod(quantities)
 
     def __init__(self, params: ControllerParams, car: Car):
-        options = params.formulation
-        rules = Rules(
-            FRAMES[options.distance],
-            cost_terms.PRIORITIES[options.priority],
-            cost_terms.in_use(self.terms, params),
-            single_track.structure(car),
-        )
-        super().__init__(params, car, rules)
-        self.ocp = symbolic_ocp(*self.size, rules, options.name, self.quantities)
+        super().__init__(params, car, FRAMES[params.formulation.distance])
+        self.ocp = symbolic_ocp(*self.size, self.rules, params.formulation.name, self.quantities)
 
     def stage_parameters(
         self, scene: Scene, guess: np.ndarray, car: Car | None = None

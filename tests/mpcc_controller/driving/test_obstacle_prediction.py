@@ -175,8 +175,9 @@ def bend(radius, side):
     return path, road_edges.build(RoadEdges(0, left, right))
 
 
-def on_bend(obstacle, radius, side, params, **rules):
-    (item,) = Observer(params, *bend(radius, side), **rules).see(Obstacles(1, (obstacle,)))
+def on_bend(obstacle, radius, side, params, follow_road_rad=0.35):
+    observer = Observer(params, *bend(radius, side), follow_road_rad=follow_road_rad)
+    (item,) = observer.see(Obstacles(1, (obstacle,)))
     return item
 
 
@@ -191,7 +192,7 @@ def test_a_car_in_its_lane_stays_in_it(params, radius, side, way, offset, statio
     X, Y, psi = place(radius, side, station, offset)
     v, kappa, T = 10.0, side / radius, np.linspace(0.0, 2.5, 26)
     car = Obstacle(1, X, Y, 1.0, way * v * np.cos(psi), way * v * np.sin(psi))
-    X, Y = on_bend(car, radius, side, params, follow_road_rad=0.35).position(T)
+    X, Y = on_bend(car, radius, side, params).position(T)
     # along the path, in steps, since its rate changes where the bend begins
     s = [station]
     for _ in range(2500):
@@ -203,25 +204,20 @@ def test_a_car_in_its_lane_stays_in_it(params, radius, side, way, offset, statio
 
 
 @pytest.mark.parametrize(
-    ('station', 'offset', 'turned', 'speed'),
+    ('station', 'offset', 'turned', 'speed', 'follow_road_rad'),
     [
-        pytest.param(60.0, 3.5, 1.57, 1.5, id='pedestrian'),
-        pytest.param(60.0, 9.0, 0.0, 10.0, id='beside the road'),
-        pytest.param(60.0, 0.0, 0.0, 0.0, id='standing'),
-        pytest.param(5.0, 0.0, 0.1, 5.0, id='on the straight'),
+        pytest.param(60.0, 3.5, 1.57, 1.5, 0.35, id='pedestrian'),
+        pytest.param(60.0, 9.0, 0.0, 10.0, 0.35, id='beside the road'),
+        pytest.param(60.0, 0.0, 0.0, 0.0, 0.35, id='standing'),
+        pytest.param(5.0, 0.0, 0.1, 5.0, 0.35, id='on the straight'),
+        pytest.param(60.0, 0.0, 0.0, 10.0, None, id='without the parameter'),
     ],
 )
-def test_others_go_straight_on(params, station, offset, turned, speed):
+def test_others_go_straight_on(params, station, offset, turned, speed, follow_road_rad):
     X, Y, psi = place(80.0, 1, station, offset)
     course = psi + turned
     o = Obstacle(1, X, Y, 0.5, speed * np.cos(course), speed * np.sin(course))
-    assert on_bend(o, 80.0, 1, params, follow_road_rad=0.35) == PredictedObstacle(*o)
-
-
-def test_without_the_parameter_nobody_follows_the_road(params):
-    X, Y, psi = place(40.0, 1, 60.0, 0.0)
-    o = Obstacle(1, X, Y, 1.0, 10 * np.cos(psi), 10 * np.sin(psi))
-    assert on_bend(o, 40.0, 1, params) == PredictedObstacle(*o)
+    assert on_bend(o, 80.0, 1, params, follow_road_rad) == PredictedObstacle(*o)
 
 
 # what vanishes from the message

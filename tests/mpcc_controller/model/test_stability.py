@@ -28,14 +28,6 @@ def test_the_lateral_motion_is_that_of_the_textbooks_linear_single_track(car, vx
     assert stability.growth(car, 0.05, vx) == pytest.approx(expected, rel=1e-3)
 
 
-@pytest.mark.parametrize('vx', range(6))
-def test_below_the_least_speed_an_error_grows_no_faster_than_with_the_slips_of_five_m_per_s(
-    car, vx
-):
-    """A midpoint step is not stable there; the bound of the speed limits the growth."""
-    assert stability.growth(car, 0.05, vx) < growth_of_the_textbook(car, vx, 5.0) < 1.5
-
-
 def with_tyres(vehicle, factor):
     """Return a car whose tyres are so many times as stiff."""
     tyre = dataclasses.replace(
