@@ -29,9 +29,10 @@ from problems import COLD, POP_UP, WARM, Task
 from rich.progress import Progress
 from tables import markdown, number, share
 
+from mpcc_controller import car_file
 from mpcc_controller.driving import tick_solvers
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.problem import mpcc_formulation, ocp
+from mpcc_controller.problem import formulation, ocp, stage_parameters
 from stage_solver import compiled_functions, reference_solvers, solver
 from stage_solver.reference_solvers import ReferenceSolver
 from stage_solver.solution import SolverOptions
@@ -276,8 +277,8 @@ def main() -> None:
         parser.error('--passes must be 1 or more')
     facts = machine.named() | {'runs on': machine.pin()}
     params = closed_loops.controller_params('mpcc')
-    size = len(params.body.circle_offsets_m), params.surroundings.max_obstacles
-    symbolic = mpcc_formulation.symbolic_ocp(*size)
+    car = stage_parameters.car(params, car_file.load(params))
+    symbolic = formulation.make(params, car).ocp
     problem = ocp.build(symbolic, params.model.horizon, params.model.step_s)
     with Progress() as progress:
         loops = closed_loops.QUICK if options.quick else closed_loops.FULL

@@ -7,8 +7,7 @@ parameters        every parameter, with unit and allowed range; values are in co
 run_time_parameters
                   weights and limits that may be changed between two steps
 car_file          the car as the controller knows it, and the limits of its actuators
-covering_circles  circles over the outline of the car
-minimum_speed     speeds at which a controller stops instead of driving
+in_force          the parameters that a controller drives by: limits, speeds, circles
 driving           one command per state: planner, fallbacks, safety gate, watchdog; no ROS
 problem           the optimal control problems: formulations, cost terms, constraints
 path              the coarse path, road edges, distances, path coordinates

@@ -72,16 +72,7 @@ def check_emergency_limits(
     Gate, braking without a plan and changes while the controller drives start from these limits.
     `sources` is that of `check_limits`.
     """
-    for name, (least, why) in _least_limits(vehicle.actuators).items():
-        key = f'limits.{name}'
-        value = getattr(params.limits, name)
-        if value < least:
-            source = f'{sources[key]}: ' if key in sources else ''
-            raise ParameterError(f'{source}{key}: is {value:g}; allowed from {least:g}, {why}')
-
-
-def _least_limits(actuators: CarActuators) -> dict[str, tuple[float, str]]:
-    """Return by name the least value of each limit that an emergency needs, and why it is that."""
+    actuators = vehicle.actuators
     limits = {
         name: (
             LEAST_SHARE * getattr(actuators, name),
@@ -96,19 +87,9 @@ def _least_limits(actuators: CarActuators) -> dict[str, tuple[float, str]]:
     )
     limits['force_rate_nps'] = min(limits['force_rate_nps'], full_braking)
     limits['friction_use'] = (LEAST_SHARE, 'of the friction that the car has')
-    return limits
-
-
-def describe_cut_limits(params: ControllerParams, vehicle: CarParams) -> str:
-    """Return one line that names the limits cut to those of the car, '' if none is."""
-    cuts = [
-        f'limits.{name} from {getattr(params.limits, name):g} to '
-        f'{getattr(vehicle.actuators, name):g}'
-        for name in exceeded_limits(params, vehicle.actuators)
-    ]
-    if not cuts:
-        return ''
-    return (
-        f'the controller may ask for more than the car of car_file {params.car_file} can do; cut: '
-        + ', '.join(cuts)
-    )
+    for name, (least, why) in limits.items():
+        key = f'limits.{name}'
+        value = getattr(params.limits, name)
+        if value < least:
+            source = f'{sources[key]}: ' if key in sources else ''
+            raise ParameterError(f'{source}{key}: is {value:g}; allowed from {least:g}, {why}')

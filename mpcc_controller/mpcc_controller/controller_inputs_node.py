@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from rclpy.node import Node
 
-from mpcc_controller import minimum_speed
+from mpcc_controller import in_force
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.records import unknown_state
 from mpcc_controller.driving.trigger import LockstepTrigger, RealtimeTrigger
@@ -205,9 +205,19 @@ class ControllerInputs:
         with suppress(decode.DecodeError):
             x = subscriptions_node.read_odometry(self.state) if self.state else None
         fault = self._controller.set_reference(reference, x)
-        if not fault:
-            self._warn_of_slow_path()  # before a step, which may warn of its consequence
-        return fault
+        if fault:
+            return fault
+        # once per change, before a step, which may warn of its consequence
+        minimum = self._controller.params.limits.least_speed_mps
+        slowest = float(np.min(self._controller.scene.path.v))
+        relation = in_force.compare_speed(slowest, minimum, in_force.DESIRED_MARGIN_MPS)
+        warning = relation and (
+            f'{TOPICS[REFERENCE]} asks for {slowest:.2f} m/s, {relation} '
+            f'limits.least_speed_mps, {minimum:g} m/s: below that the car brakes to a stop'
+        )
+        if self._slow_path.has_changed(warning) and warning:
+            self._node.get_logger().warning(warning)
+        return ''
 
     def _read_obstacles(self, raw: bytes) -> Obstacles:
         """Return the obstacles, without a stamp those of now; log and count refused objects."""
@@ -226,18 +236,6 @@ class ControllerInputs:
         self._controller.set_obstacles(obstacles)
         self._trigger.on_obstacles(obstacles.stamp_ns)
         return ''
-
-    def _warn_of_slow_path(self):
-        """Warn once per change of desired speeds below or near the minimum speed."""
-        minimum = self._controller.params.limits.least_speed_mps
-        slowest = float(np.min(self._controller.scene.path.v))
-        relation = minimum_speed.compare(slowest, minimum, minimum_speed.DESIRED_MARGIN_MPS)
-        warning = relation and (
-            f'{TOPICS[REFERENCE]} asks for {slowest:.2f} m/s, {relation} '
-            f'limits.least_speed_mps, {minimum:g} m/s: below that the car brakes to a stop'
-        )
-        if self._slow_path.has_changed(warning) and warning:
-            self._node.get_logger().warning(warning)
 
     def _use_new(self, name, decoder, setter, raw):
         """Use a message as `_use` does; a repetition is not built again."""

@@ -10,7 +10,7 @@ import time
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
-from mpcc_controller import car_file, minimum_speed, run_time_parameters
+from mpcc_controller import car_file, in_force, run_time_parameters
 from mpcc_controller.controller_inputs_node import ACTUATORS, ControllerInputs
 from mpcc_controller.driving import trigger
 from mpcc_controller.driving.actuator_monitor import FAULT
@@ -56,10 +56,8 @@ class ControllerNode(ManagedNode):
         params, mode = self.params, ros.mode(self)
         self.vehicle = car_file.load(params)
         # what the car changes: limits of its actuators, and where its prediction is stable
-        for describe in (car_file.describe_cut_limits, minimum_speed.describe_raised):
-            text = describe(params, self.vehicle)
-            if text:
-                self.get_logger().info(text)
+        for text in in_force.describe_changes(params, self.vehicle):
+            self.get_logger().info(text)
         self.get_logger().info('preparing the solver')
         self.wall = SteadyClock()
         try:
@@ -234,23 +232,20 @@ class ControllerNode(ManagedNode):
         self.note(error)
         if stamp_ns in (None, self.sent_ns):
             return
+        x = None
         try:
-            record = self.controller.brake(TickInputs(self.state_of(stamp_ns)))
+            x = self.inputs.decode_state()
+        except Exception as another:
+            self.note(another)
+        known = x is not None and x.stamp_ns == stamp_ns
+        try:
+            record = self.controller.brake(TickInputs(x if known else unknown_state(stamp_ns)))
             self.send(record.command)
         except Exception as another:
             self.note(another)
             self.trigger.on_lost(stamp_ns)
         else:
             self.try_to_explain(record)
-
-    def state_of(self, stamp_ns):
-        """Return the state with this stamp, an unknown one where it cannot be had."""
-        try:
-            x = self.inputs.decode_state()
-        except Exception as error:
-            self.note(error)
-            x = None
-        return x if x and x.stamp_ns == stamp_ns else unknown_state(stamp_ns)
 
     def send(self, command):
         """Publish a command."""
@@ -287,7 +282,7 @@ class ControllerNode(ManagedNode):
         self.controller.prepare()
         self.publish_health(self.watchdog.on_step(why))
         limits, is_too_slow = self.controller.params.limits, why.values['reason'] == TOO_SLOW
-        stopping = minimum_speed.stopping_text(limits) if is_too_slow else ''
+        stopping = in_force.stopping_text(limits) if is_too_slow else ''
         if self.stopping_log.has_changed(stopping) and stopping:
             self.get_logger().warning(stopping)
         left_out = why.values.get(LEFT_OUT, 0)

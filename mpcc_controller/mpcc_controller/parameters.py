@@ -10,7 +10,7 @@ PROBLEMS = 'mpcc_controller.problem'
 FORMULATIONS = {
     'mpcc': f'{PROBLEMS}.mpcc_formulation:MpccFormulation',
     'frenet': f'{PROBLEMS}.frenet_formulation:FrenetFormulation',
-    'tracking': f'{PROBLEMS}.tracking_formulation:TrackingFormulation',
+    'tracking': f'{PROBLEMS}.mpcc_formulation:TrackingFormulation',
 }
 PROJECTED, INTEGRATED = 'projected', 'integrated'  # values of model.theta
 CONVERGED, ONE_STEP = 'converged', 'one_step'  # of solver.mode
@@ -49,7 +49,7 @@ class Formulation(Struct):
     heading: bool  # whether the heading error costs; in the paper only that of the baseline
     # whether the front share of the braking force is an input; left out: free
     brake_split: Annotated[str, Choice(FREE, FIXED)] | None
-    # of a fixed split; left out: `run_time_parameters.FRONT_SHARE`
+    # of a fixed split; left out: `in_force.FRONT_SHARE`
     brake_front_share: Annotated[float, Range(0.0, 1.0, '- of the braking force')] | None
 
 

@@ -5,12 +5,12 @@ next step. /controller/why reports every parameter that was changed since the st
 from the first step with its new value on: a replay takes the values from there.
 """
 
-import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from mpcc_controller import car_file, covering_circles, minimum_speed
-from mpcc_controller.parameters import FIXED, CarParams, ControllerParams, Limits
+from mpcc_controller import car_file
+from mpcc_controller.in_force import in_force
+from mpcc_controller.parameters import CarParams, ControllerParams, Limits
 from node_runtime import parameters
 from node_runtime.parameters import ParameterError
 
@@ -19,9 +19,6 @@ EMERGENCY_LIMITS = ('steer_rad', 'steer_rate_radps', 'brake_n', 'force_rate_nps'
 GROUPS = ('tolerances', 'priorities', 'safety', 'envelope', 'limits')
 REPORTED = 'set.'  # before the name, in /controller/why
 SOURCE = 'set'  # in errors, in place of the file and line of a value
-# of a fixed split: Brown & Gerdes, "Coordinating tire forces to avoid obstacles using nonlinear
-# model predictive control", IEEE T-IV 2019, and its predecessors fix 0.6 to 0.7
-FRONT_SHARE = 0.65
 
 
 def names(params: ControllerParams) -> frozenset[str]:
@@ -53,46 +50,6 @@ def change(params: ControllerParams, changes: Mapping[str, Any]) -> ControllerPa
             )
     values = {k: v for k, v in parameters.flatten(params).items() if v is not None}
     return parameters.build(ControllerParams, values | dict(changes), SOURCE)
-
-
-def changed_names(before: ControllerParams, after: ControllerParams) -> tuple[str, ...]:
-    """Return the dotted names of the parameters in which two differ."""
-    old = parameters.flatten(before)
-    return tuple(name for name, value in parameters.flatten(after).items() if value != old[name])
-
-
-def in_force(params: ControllerParams, vehicle: CarParams) -> ControllerParams:
-    """Return the parameters as the controller drives by them.
-
-    Limits are cut to those of the car, the brake split is fixed, the least speed left out or raised
-    to where the prediction is stable, and the vehicle covered with circles where the parameters ask
-    for it. Raises ParameterError for options that contradict each other or need what the car file
-    does not have, and for a car that cannot be predicted in steps of `model.step_s`.
-    """
-    params = car_file.limit_to_car(params, vehicle)
-    params = with_fixed_split(params)
-    params = minimum_speed.with_stable_speed(minimum_speed.with_low_speed(params), vehicle)
-    return covering_circles.with_covering_circles(params, vehicle)
-
-
-def with_fixed_split(params: ControllerParams) -> ControllerParams:
-    """Return the parameters with both limits of the split at the share of a fixed one.
-
-    Raises ParameterError for a share without a fixed split.
-    """
-    share = params.formulation.brake_front_share
-    if params.formulation.brake_split != FIXED:
-        if share is not None:
-            raise ParameterError(
-                f'formulation.brake_front_share: is {share:g}, but formulation.brake_split is '
-                f'free; allowed with {FIXED}'
-            )
-        return params
-    share = FRONT_SHARE if share is None else share
-    limits = dataclasses.replace(
-        params.limits, brake_front_share_min=share, brake_front_share_max=share
-    )
-    return dataclasses.replace(params, limits=limits)
 
 
 def check_effect(
@@ -128,17 +85,6 @@ def check_emergency_limits(after: ControllerParams, start: Limits) -> None:
                 f'{SOURCE}: limits.{name}: is {value:g}; allowed from {least:g}, '
                 f'{LEAST_SHARE:g} of its value at the start'
             )
-
-
-def emergency_limits(limits: Limits, start: Limits) -> Limits:
-    """Return the limits of the gate and of braking without a plan.
-
-    Those of the start, or the present ones where they are wider: what is changed while the
-    controller drives restrains its plans, not its emergency brake.
-    """
-    names = (*EMERGENCY_LIMITS, 'drive_n')
-    wider = {name: max(getattr(limits, name), getattr(start, name)) for name in names}
-    return dataclasses.replace(start, **wider)
 
 
 def reported(values: Mapping[str, Any]) -> dict[str, float]:

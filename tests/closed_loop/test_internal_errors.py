@@ -23,7 +23,7 @@ from driven_setups import Loop
 
 from experiments import simulation
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.internal_errors import INTERNAL_ERROR
+from mpcc_controller.driving.last_resort import INTERNAL_ERROR
 
 PACKAGES = ('mpcc_controller', 'stage_solver', 'msgs_yaml', 'node_runtime')
 CONTROLLERS = ('mpcc_road', 'mpcc')

@@ -93,7 +93,7 @@ def test_a_solver_that_dies_in_the_double_lane_change_ends_in_a_safe_stop(fails_
 
 @pytest.mark.parametrize(('tick', 'hits'), [(35, 'obstacle'), (50, 'edge')])
 def test_braking_straight_instead_would_have_hit_something(fails_at, monkeypatch, tick, hits):
-    straight = braking.LookaheadPoint(braking.NONE, None)
+    straight = (braking.NONE, None)
     monkeypatch.setattr(braking, 'lookahead_point', lambda *_: straight)
     loop = fails_at(tick)
     if hits == 'obstacle':

@@ -15,6 +15,7 @@ from mpcc_controller.model.single_track import State
 from mpcc_controller.path import reference_path, road_edges
 from mpcc_controller.path.distance import CENTRE_ROUNDING
 from mpcc_controller.problem import formulation, stage_parameters
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml import conversions as ring_values
 from node_runtime import named_vector
@@ -42,7 +43,8 @@ def distances(controller, states, inside, rules=None):
         params = dataclasses.replace(params, formulation=rules)
     reach, bearing = RADIUS - inside, STATION / RADIUS
     one = scenario.obstacles_at(scn, 0.0, 0).items[0]
-    spot = one._replace(X=reach * np.sin(bearing), Y=RADIUS - reach * np.cos(bearing))
+    spot = reach * np.sin(bearing), RADIUS - reach * np.cos(bearing)
+    spot = PredictedObstacle(one.id, *spot, one.r_obs, 0.0, 0.0)
     obstacles = scenario.obstacles_at(scn, 0.0, 0)._replace(items=(spot,))
     path = reference_path.build(ring_values.reference_as_received(scn.reference))
     scene = Scene(path, road_edges.build(scn.edges), obstacles)

@@ -2,6 +2,7 @@
 
 import dataclasses
 from functools import cache
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import casadi as ca
@@ -20,7 +21,10 @@ from mpcc_controller.parameters import (
     ControllerParams,
     Tyre,
 )
+from mpcc_controller.path import reference_path, road_edges
 from mpcc_controller.problem import stage_parameters
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle
+from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml import share
 from msgs_yaml.types import Actuators, Obstacle, Obstacles, Reference, RoadEdges, VehicleState
 from node_runtime import parameters
@@ -92,6 +96,16 @@ def lane_change(v=20.0):
     sides = [np.array([[-50.0, y], [350.0, y]]) for y in (6.0, -2.5)]
     obstacle = Obstacle(1, 72.0, 1.5, 1.0, 0.0, 0.0)
     return Situation(path(X, Y, v), RoadEdges(0, *sides), Obstacles(0, (obstacle,)))
+
+
+def scene(situation):
+    """Return the scene of a situation; its obstacles keep their velocity."""
+    known = tuple(PredictedObstacle(*o) for o in situation.obstacles.items)
+    return Scene(
+        reference_path.build(situation.reference),
+        road_edges.build(situation.edges),
+        situation.obstacles._replace(items=known),
+    )
 
 
 def set_inputs(controller, situation):
@@ -260,23 +274,7 @@ def realtime():
 
 @pytest.fixture(scope='session')
 def world():
-    """Return the helpers of this file: test modules cannot import it."""
-    return World
-
-
-class World:
-    """The helpers of this file under one name."""
-
-    load = staticmethod(load)
-    path = staticmethod(path)
-    straight = staticmethod(straight)
-    lane_change = staticmethod(lane_change)
-    set_inputs = staticmethod(set_inputs)
-    rolling = staticmethod(rolling)
-    tick = staticmethod(tick)
-    drive = staticmethod(drive)
-    make_car = staticmethod(make_car)
-    ModifiedSolver = ModifiedSolver
-    Clock = Clock
-    ESTIMATE = ESTIMATE
-    REST = REST
+    """Return the helpers of this file under one name: test modules cannot import it."""
+    helpers = load, path, straight, lane_change, scene, set_inputs, rolling, tick, drive, make_car
+    names = {helper.__name__: helper for helper in (*helpers, ModifiedSolver, Clock)}
+    return SimpleNamespace(**names, ESTIMATE=ESTIMATE, REST=REST)

@@ -6,16 +6,13 @@ from types import SimpleNamespace
 
 import node_bench
 import pytest
-import rclpy
 from controller_driver import ObservedPublisher
 from wait_until import wait_until
 
 from mpcc_controller.controller_inputs_node import ACTUATORS
-from mpcc_controller.controller_node import ControllerNode
 from msgs_yaml import decode, encode
 from msgs_yaml.types import Actuators, Obstacle, Obstacles, VehicleState
 from node_runtime import ros
-from node_runtime.parameters import ParameterError
 
 pytestmark = pytest.mark.ros
 START, TICK, S = 1_000_000_000, 50_000_000, 1_000_000_000
@@ -256,21 +253,3 @@ def test_a_path_of_before_the_first_state_is_dropped_if_it_is_elsewhere(realtime
         assert (node.controller.scene.path is None) == dropped
         node.inputs.state = None
     assert len(realtime.logged('rejected')) == 1
-
-
-@pytest.mark.parametrize(
-    ('parameter', 'message'),
-    [
-        ('model.horizn:=9', 'model.horizn'),
-        ('car_file:=none', 'car_file: package mpcc_controller has no file config/none'),
-        ('limits.brake_n:=0.0', 'limits.brake_n: is 0; allowed from 14000'),
-        ('limits.force_rate_nps:=1.0', 'limits.force_rate_nps: is 1; allowed from 28000'),
-    ],
-)
-def test_a_parameter_that_cannot_be_used_is_named(domain, parameter, message):
-    rclpy.init(args=['--ros-args', '-p', parameter], domain_id=domain)
-    try:
-        with pytest.raises(ParameterError, match=message):
-            ControllerNode().start()
-    finally:
-        rclpy.shutdown()

@@ -8,15 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bags.evaluation.vehicle_shape import Outline, circles_of
-from mpcc_controller import covering_circles
+from mpcc_controller import in_force
 from mpcc_controller.driving import guesses
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import CarOutline
-from mpcc_controller.path import reference_path, road_edges
 from mpcc_controller.problem import formulation, stage_parameters
-from mpcc_controller.problem.plan_evaluator import PlanEvaluator
-from mpcc_controller.problem.stage_parameters import Scene
+from mpcc_controller.problem.ocp import PlanEvaluator
 from msgs_yaml.types import Obstacle
 from node_runtime.parameters import ParameterError
 
@@ -26,7 +24,7 @@ outlines = st.builds(CarOutline, st.floats(0.5, 8), st.floats(0.5, 8), st.floats
 @settings(max_examples=60)
 @given(outlines, st.integers(1, 9))
 def test_every_point_of_the_outline_is_in_a_circle_as_small_as_can_be(outline, count):
-    radius, offsets = covering_circles.cover(outline, count)
+    radius, offsets = in_force.cover(outline, count)
     # the corners of the shares of the length are on circles, and farthest from the centres
     ends = np.linspace(-outline.rear_m, outline.front_m, count + 1)
     middles = (ends[1:] + ends[:-1]) / 2
@@ -51,13 +49,13 @@ def test_at_edges_half_of_the_width_counts_unless_another_radius_is_given(
     world, changes, edge_radius
 ):
     params, vehicle = world.load(**changes)
-    covered = covering_circles.with_covering_circles(params, vehicle)
+    covered = in_force.with_covering_circles(params, vehicle)
     assert covered.body.edge_radius_m == edge_radius
     assert (covered is params) == (not changes)
     if changes:
         bare = dataclasses.replace(vehicle, outline=CarOutline(None, None, None))
         with pytest.raises(ParameterError, match=r'car\.yaml does not have outline\.front_m'):
-            covering_circles.with_covering_circles(params, bare)
+            in_force.with_covering_circles(params, bare)
 
 
 def test_each_of_several_circles_is_reported_and_the_nearest_counts(world):
@@ -74,8 +72,7 @@ def test_each_of_several_circles_is_reported_and_the_nearest_counts(world):
 def test_the_radius_at_edges_changes_distances_to_edges_only(world, controller):
     """A car that stands beside the path between straight edges 6 m to either side."""
     situation = world.straight(obstacles=[Obstacle(1, 62.0, 1.0, 0.5, 0.0, 0.0)])
-    path = reference_path.build(situation.reference)
-    scene = Scene(path, road_edges.build(situation.edges), situation.obstacles)
+    scene = world.scene(situation)
     x0 = State(50.0, 0.5, 0.0, 20.0, 0.0, 0.0, 50.0, 0.0, 0.0)
 
     def first_stage(**changes):

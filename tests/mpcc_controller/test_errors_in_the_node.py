@@ -7,7 +7,7 @@ import node_bench
 import pytest
 from controller_driver import FALLBACK, SILENT, SOLVE, Driver
 
-from mpcc_controller.driving.internal_errors import INTERNAL_ERROR
+from mpcc_controller.driving.last_resort import INTERNAL_ERROR
 from msgs_yaml import encode
 
 pytestmark = pytest.mark.ros

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mpcc_controller import minimum_speed, run_time_parameters
+from mpcc_controller import in_force, run_time_parameters
 from mpcc_controller.driving.controller import Controller
 from node_runtime import parameters
 from node_runtime.parameters import ParameterError
@@ -128,9 +128,9 @@ def test_no_change_weakens_the_braking_without_a_plan(params, controller, world)
     ],
 )
 def test_the_speed_below_which_a_car_stops_is_told(world, low_speed, least, texts):
-    params = minimum_speed.with_low_speed(world.load(model__low_speed=low_speed)[0])
-    assert minimum_speed.least_driven(params.limits) == least
-    assert all(text in minimum_speed.stopping_text(params.limits) for text in texts)
+    params = in_force.with_stable_speed(*world.load(model__low_speed=low_speed))
+    assert in_force.least_driven(params.limits) == least
+    assert all(text in in_force.stopping_text(params.limits) for text in texts)
 
 
 @pytest.mark.parametrize(
@@ -147,21 +147,21 @@ def test_the_limits_of_the_brake_split_in_force(world, vehicle, split, share, sh
     params, _ = world.load(**changes)
     if isinstance(shares, str):
         with pytest.raises(ParameterError, match=shares):
-            run_time_parameters.in_force(params, vehicle)
+            in_force.in_force(params, vehicle)
         return
-    limits = run_time_parameters.in_force(params, vehicle).limits
+    limits = in_force.in_force(params, vehicle).limits
     assert (limits.brake_front_share_min, limits.brake_front_share_max) == shares
 
 
 @pytest.mark.parametrize(
     ('speed', 'minimum', 'relation'),
     [
-        (6.98, 7.0, minimum_speed.BELOW),
-        (6.995, 7.0, minimum_speed.NEAR),  # a desired speed is rounded
-        (7.505, 7.0, minimum_speed.NEAR),
+        (6.98, 7.0, in_force.BELOW),
+        (6.995, 7.0, in_force.NEAR),  # a desired speed is rounded
+        (7.505, 7.0, in_force.NEAR),
         (7.52, 7.0, ''),
         (0.0, 0.0, ''),
     ],
 )
 def test_a_speed_is_compared_with_the_least_one_by_a_margin(speed, minimum, relation):
-    assert minimum_speed.compare(speed, minimum, 0.5) == relation
+    assert in_force.compare_speed(speed, minimum, 0.5) == relation

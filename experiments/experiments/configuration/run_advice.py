@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from experiments.configuration.node_config import ScenarioFacts
-from mpcc_controller import car_file, minimum_speed
+from mpcc_controller import in_force
 from mpcc_controller.parameters import CarParams, ControllerParams
 from scenario_publisher import advice, scenario
 from scenario_publisher.advice import Advice
@@ -31,14 +31,8 @@ def find_warnings(
     (params, vehicle), (_, plant) = checked['controller'], checked['plant']
     return [
         *advice.flatten(judge(scn, facts, checked)),
-        *filter(
-            None,
-            (
-                _drive_layout(params, vehicle, plant),
-                car_file.describe_cut_limits(params, vehicle),
-                minimum_speed.describe_raised(params, vehicle),
-            ),
-        ),
+        *filter(None, [_drive_layout(params, vehicle, plant)]),
+        *in_force.describe_changes(params, vehicle),
     ]
 
 
@@ -56,13 +50,13 @@ def judge(
     is_set = start_mps != facts.start['speed_mps']
     # without a start speed of its own the scenario starts at the desired speed, checked anyway
     start = [(PLANT_START if is_set else given[0], start_mps)] if is_set or given else []
-    params = minimum_speed.with_stable_speed(minimum_speed.with_low_speed(params), vehicle)
+    params = in_force.with_stable_speed(params, vehicle)
     least = params.limits.least_speed_mps
     start_words = ('the car starts at', 'does not pull away', 'may not pull away')
     desired_words = ('the scenario asks for', 'stops where it is so', 'may stop where it is so')
     slow = [
-        *_slow_speed(start, least, minimum_speed.START_MARGIN_MPS, *start_words),
-        *_slow_speed(desired, least, minimum_speed.DESIRED_MARGIN_MPS, *desired_words),
+        *_slow_speed(start, least, in_force.START_MARGIN_MPS, *start_words),
+        *_slow_speed(desired, least, in_force.DESIRED_MARGIN_MPS, *desired_words),
     ]
     drive_n = min(
         vehicle.actuators.drive_n, params.limits.drive_n, actuator_limits(plant.car).drive_n
@@ -107,14 +101,14 @@ def _slow_speed(speeds, least_mps, margin_mps, subject, below, near):
     `below` and `near` describe the car below the least speed and within the margin above it.
     """
     compared = (
-        (speed, key, minimum_speed.compare(speed, least_mps, margin_mps)) for key, speed in speeds
+        (speed, key, in_force.compare_speed(speed, least_mps, margin_mps)) for key, speed in speeds
     )
     slow = [entry for entry in compared if entry[2]]
     if not slow:
         return []
     speed, key, relation = min(slow, key=lambda entry: entry[0])
     others = f' and {len(slow) - 1} more' if len(slow) > 1 else ''
-    consequence = below if relation == minimum_speed.BELOW else near
+    consequence = below if relation == in_force.BELOW else near
     return [
         f'{subject} {speed:g} m/s ({key}{others}), {relation} the '
         f'limits.least_speed_mps of {least_mps:g} m/s: the controller brakes to a stop '

@@ -10,7 +10,6 @@ from matplotlib.patches import Circle
 
 from bags.figures import style
 from experiments.replay.resolve import HEADS, Answer
-from mpcc_controller.problem.obstacle_motion import position
 
 WIDTH = 14.0  # inch
 MARGIN_M = 3.0
@@ -112,7 +111,7 @@ def _unsafe(ax, solved):
         touch = obstacle.r_obs + solved.circles[0]
         strength = 0.4 if moves else 1.0
         for t in solved.t[:: 2 * CIRCLE_EVERY] if moves else solved.t[:1]:
-            centre = position(obstacle, t)
+            centre = obstacle.position(t)
             for reach, colour, alpha in (
                 (touch + safe[f'obstacle {obstacle.id}'], style.UNSAFE, 0.22),
                 (touch, style.COLLISION, 0.16),

@@ -16,12 +16,11 @@ choose               which plans a tick compares, which is driven, which are kep
 fallback             what to drive when a solve fails
 recovery             counter-steers a car that slides without a plan
 braking              braking along the last plan or the path, without optimisation
-last_resort          braking after an internal error, which shares nothing with the tick
-internal_errors      counts what was raised in a tick, by kind
+last_resort          after an internal error: counted; braking that shares nothing with the tick
 actuator_monitor     compares measured actuators with set-points; what is planned with a fault
 setpoints            set-points of the actuators, and commands
 friction_estimate    friction of the road from the motion of the car
-obstacle_perception  obstacles as the controller knows them: errors, expected braking, memory
+obstacle_prediction  obstacles from messages to predictions: errors, braking, road, memory
 measurement_errors   errors added to what is received, a test option
 delay_compensation   predicts the state to the effect of its command
 gate                 the last check of a command

@@ -69,24 +69,24 @@ class ActuatorState(NamedTuple):
         """The actuators that do not follow, of STEER and FORCE."""
         return self.check.faults if self.check else ()
 
+    @property
+    def held(self) -> dict[str, float]:
+        """Where the actuators are that do not follow, by the field of their set-point."""
+        fields = {'delta': STEER, 'Fx': FORCE}
+        return {k: getattr(self.check.measured, k) for k, v in fields.items() if v in self.faults}
+
     def begin(self, now: Setpoints, limits: Limits) -> Setpoints:
         """Return where a plan begins: at `now`, and where an actuator does not follow, there."""
-        delta, Fx = now
-        if STEER in self.faults:
-            delta = min(max(self.check.measured.delta, -limits.steer_rad), limits.steer_rad)
-        if FORCE in self.faults:
-            Fx = min(max(self.check.measured.Fx, -limits.brake_n), limits.drive_n)
-        return Setpoints(delta, Fx)
+        ranges = {
+            'delta': (-limits.steer_rad, limits.steer_rad),
+            'Fx': (-limits.brake_n, limits.drive_n),
+        }
+        held = {k: min(max(v, ranges[k][0]), ranges[k][1]) for k, v in self.held.items()}
+        return now._replace(**held)
 
     def acting(self, ramps: Sequence[SetpointRamp]) -> Sequence[SetpointRamp]:
         """Return ramps of what acts on the car: of an actuator with a fault where it is."""
-        if not self.faults:
-            return ramps
-        held = {}
-        if STEER in self.faults:
-            held['delta'] = self.check.measured.delta
-        if FORCE in self.faults:
-            held['Fx'] = self.check.measured.Fx
+        held = self.held
         return tuple(
             ramp._replace(begin=ramp.begin._replace(**held), end=ramp.end._replace(**held))
             for ramp in ramps

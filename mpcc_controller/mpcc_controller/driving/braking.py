@@ -35,13 +35,6 @@ class Point(NamedTuple):
     Y: float  # m, map
 
 
-class LookaheadPoint(NamedTuple):
-    """The point to steer to, and the line that it is on."""
-
-    line: str  # PLAN, PATH or NONE
-    point: Point | None
-
-
 def braking_target(
     x: VehicleState, now: Setpoints, lookahead: Point | None, car: Car, params: ControllerParams
 ) -> SetpointTarget:
@@ -157,22 +150,23 @@ def lookahead_point(
     path: ReferencePath | None,
     theta: float | None,
     params: Braking,
-) -> LookaheadPoint:
-    """Return a point of the plan ahead of the car; of the path at `theta` without a plan.
+) -> tuple[str, Point | None]:
+    """Return a line, and its point ahead of the car: of the plan, without one of the path.
 
-    `theta` is the path distance [m] of the car. A state that is not finite has no such point.
+    The line is PLAN, PATH or NONE. `theta` is the path distance [m] of the car. A state that is not
+    finite has no such point.
     """
     if not np.all(np.isfinite(x)):
-        return LookaheadPoint(NONE, None)
+        return NONE, None
     preview = max(params.preview_s * x.vx, params.least_preview_m)
     if plan is not None:
         states = State(*plan.X.T)
         line = np.column_stack((states.X, states.Y))
-        return LookaheadPoint(PLAN, point_ahead(line, x.X, x.Y, preview))
+        return PLAN, point_ahead(line, x.X, x.Y, preview)
     if path is not None:
         arcs, _ = reference_path.arcs_at(path, theta + preview)
-        return LookaheadPoint(PATH, Point(float(arcs.X), float(arcs.Y)))
-    return LookaheadPoint(NONE, None)
+        return PATH, Point(float(arcs.X), float(arcs.Y))
+    return NONE, None
 
 
 def point_ahead(line: np.ndarray, X: float, Y: float, distance: float) -> Point:

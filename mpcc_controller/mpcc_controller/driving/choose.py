@@ -11,19 +11,20 @@ the next tick.
 """
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from mpcc_controller.driving import guesses, ways
+from mpcc_controller.driving.fallback import rejection_reason
 from mpcc_controller.driving.prediction_model import PredictionModel, TickProblem
 from mpcc_controller.driving.ways import BEHIND, RoadAhead, Sides, are_opposed, is_same_way
 from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import Candidates, ControllerParams
 from mpcc_controller.path import reference_path
 from mpcc_controller.problem.stage_parameters import Scene
-from node_runtime.parameters import ParameterError
 from stage_solver.solution import Solution
 from stage_solver.stage_problem import Plan
 
@@ -43,9 +44,7 @@ MOST_DOUBLINGS = 2
 DEAR, RESTS = 1.5, 2
 NEW_GUESSES = 2  # per tick: they take the most iterations, and on two cores others would wait
 MOST_NAMES = 64  # whose useless attempts are counted, the last ones
-# parameters of `candidates` that recordings may not have
-OPTIONAL = ('regain_speed', 'explore_after_command')
-SLACK = Input._fields.index('slack')
+SLACK, VX = Input._fields.index('slack'), State._fields.index('vx')
 
 
 class Candidate(NamedTuple):
@@ -137,16 +136,6 @@ class Choice(NamedTuple):
         return self.outcomes[self.chosen]
 
 
-def check(params: Candidates) -> None:
-    """Raise ParameterError where parameters that a comparison needs are missing."""
-    for name, value in vars(params).items():
-        if value is None and name not in OPTIONAL:
-            raise ParameterError(
-                f'candidates.{name}: is missing, and candidates.most is above 1; '
-                'allowed to be left out with candidates.most 1'
-            )
-
-
 def propose(
     known: Candidacy, x0: State, scene: Scene, guess: Plan, car: Car, model: PredictionModel
 ) -> tuple[Candidacy, RoadAhead | None, list[Candidate]]:
@@ -173,28 +162,37 @@ def propose(
         waits={n: w._replace(ticks=max(w.ticks - 1, 0)) for n, w in known.waits.items()},
     )
     waiting = {name for name, wait in known.waits.items() if wait.ticks}
-    followed = sides_of(guess, around, scene, params)
+
+    def agrees(sides, wanted):
+        """Return whether a plan passes some obstacle as wanted, and none on the other side."""
+        passes = any(sides.get(key, BEHIND) == side for key, side in wanted.items())
+        return passes and not are_opposed(sides, wanted)
+
+    def candidates_of(name, solved, guess):
+        """Return the kept plan of a way, else a guess of it; none while it rests or waits."""
+        if solved is not None:
+            return [] if solved.rests else [Candidate(name, solved.plan)]
+        plan = None if name in waiting else guess()
+        return [] if plan is None else [Candidate(name, plan)]
+
+    followed = ways.passed_sides(guess.X, scene, around.obstacles, params)
     beside: list[Candidate] = []
     for sides, shape in ways.side_combinations(around, x0, params):
-        if shape.least_cost > known.cost:
+        passed = {key: followed.get(key, BEHIND) for key in sides}
+        if shape.least_cost > known.cost or is_same_way(sides, passed):
             continue
-        if is_same_way(sides, {key: followed.get(key, BEHIND) for key in sides}):
-            continue
-        name = ways.name_of(sides)
-        solved = next((k for k in kept if _agrees(k.sides, sides)), None)
-        if solved is not None and not solved.rests:
-            beside.append(Candidate(name, solved.plan))
-        elif solved is None and name not in waiting:
-            beside.append(Candidate(name, guesses.along_profile(around, shape, x0, car, params)))
-    brake: list[Candidate] = []
-    solved = next((k for k in kept if k.name == BRAKE), None)
-    if solved is not None and not solved.rests:
-        brake = [Candidate(BRAKE, solved.plan)]
-    elif solved is None and BRAKE not in waiting:
+        solved = next((k for k in kept if agrees(k.sides, sides)), None)
+        along = partial(guesses.along_profile, around, shape, x0, car, params)
+        beside += candidates_of(ways.name_of(sides), solved, along)
+
+    def braking():
         plan = guesses.braking(guess.X, x0, car, params)
-        # the cheapest braking plan brakes less hard
-        if BRAKING_SHARE * guesses.braking_cost(plan, around, params) <= known.cost:
-            brake = [Candidate(BRAKE, plan)]
+        # of the speed that it loses; the cheapest braking plan brakes less hard
+        lost = np.maximum(np.minimum(around.vx, around.v_ref) - plan.X[:, VX], 0)
+        cost = float(np.sum((lost / params.tolerances.velocity_mps) ** 2))
+        return plan if BRAKING_SHARE * cost <= known.cost else None
+
+    brake = candidates_of(BRAKE, next((k for k in kept if k.name == BRAKE), None), braking)
     room = params.candidates.most - 1 - len(brake)
     candidates = few_new(beside[:room] + brake)
     if is_urgent or now < CONTACT_M or not params.candidates.explore_after_command:
@@ -218,11 +216,11 @@ def judge(
     name: str,
     problem: TickProblem,
     solution: Solution,
-    rejection: str,
     around: RoadAhead | None,
     params: ControllerParams,
 ) -> Outcome:
     """Return the outcome of a solved candidate; its solution is in the map."""
+    rejection = rejection_reason(solution, params.fallback)
     if rejection or around is None:
         return Outcome(name, problem, solution, rejection, {}, np.inf, 0.0)
     X, U, scene = solution.plan.X, solution.plan.U, problem.scene
@@ -235,7 +233,7 @@ def judge(
         problem,
         solution,
         '',
-        sides=sides_of(solution.plan, around, scene, params),
+        sides=ways.passed_sides(X, scene, around.obstacles, params),
         least_gap=gap,
         off_road=float(np.max(U[:, SLACK])),
         contact_speed=ways.contact_speed(X, scene, params) if gap < 0 else 0.0,
@@ -340,18 +338,6 @@ def is_braking_better(
     return braked <= (planned if overlap > THROUGH_M else MUCH_SLOWER * planned)
 
 
-def sides_of(plan: Plan, around: RoadAhead, scene: Scene, params: ControllerParams) -> Sides:
-    """Return the sides on which a plan passes the dangerous obstacles."""
-    obstacles = [hazard.obstacle for hazard in around.hazards]
-    return ways.passed_sides(plan.X, scene, obstacles, params)
-
-
-def path_sides(around: RoadAhead | None) -> Sides:
-    """Return the sides on which the coarse path passes the dangerous obstacles."""
-    known = around.hazards if around else ()
-    return {h.obstacle.id: h.path_side for h in known if h.path_side != BEHIND}
-
-
 def regaining_cost(X: np.ndarray, scene: Scene, car: Car, params: ControllerParams) -> float:
     """Return what the velocity will cost after planned states (N + 1, 9), until it is desired.
 
@@ -374,9 +360,3 @@ def regaining_cost(X: np.ndarray, scene: Scene, car: Car, params: ControllerPara
 
 def _least_gap(X: np.ndarray, scene: Scene, params: ControllerParams) -> float:
     return float(np.min(ways.least_gaps(X, scene, params)))
-
-
-def _agrees(sides: Sides, wanted: Sides) -> bool:
-    """Return whether a plan passes some obstacle as wanted, and none on the other side."""
-    passes = any(sides.get(key, BEHIND) == side for key, side in wanted.items())
-    return passes and not are_opposed(sides, wanted)

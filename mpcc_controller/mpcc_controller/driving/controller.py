@@ -11,14 +11,13 @@ from dataclasses import replace
 import numpy as np
 
 from mpcc_controller import run_time_parameters
-from mpcc_controller.driving import path_progress, planner, setpoints, tick
+from mpcc_controller.driving import obstacle_prediction, path_progress, planner, setpoints, tick
 from mpcc_controller.driving.actuator_monitor import ActuatorState
 from mpcc_controller.driving.delay_compensation import SetpointRamp, constant_ramp
-from mpcc_controller.driving.internal_errors import INTERNAL_ERROR, InternalErrors
-from mpcc_controller.driving.obstacle_perception import Sightings
+from mpcc_controller.driving.last_resort import INTERNAL_ERROR, InternalErrors
 from mpcc_controller.driving.parts import Parts
 from mpcc_controller.driving.path_progress import Progress
-from mpcc_controller.driving.records import Memory, TickInputs, TickRecord, unknown_state
+from mpcc_controller.driving.records import Memory, TickInputs, TickRecord
 from mpcc_controller.driving.tick_report import ERROR, TickReporter
 from mpcc_controller.model.single_track import Car
 from mpcc_controller.parameters import CarParams, ControllerParams
@@ -36,6 +35,7 @@ from msgs_yaml.types import (
     VehicleState,
     Why,
 )
+from node_runtime import parameters
 from node_runtime.parameters import ParameterError
 
 NEVER_NS = -1  # older than every stamp
@@ -103,7 +103,7 @@ class Controller:
         fault = path_progress.objection(path, x) if x else ''
         if fault:
             return fault
-        if self.scene.path is None or not reference_path.is_equal(path, self.scene.path):
+        if self.scene.path is None or not np.array_equal(path.table, self.scene.path.table):
             self.scene = self.scene._replace(path=path)
             self.memory = replace(self.memory, progress=Progress())
         return ''
@@ -137,7 +137,17 @@ class Controller:
 
         `resumed`: after a pause, which the report of the next step says.
         """
-        held = setpoints.hold_actuators(actuators, self.params.limits, NEVER_NS)
+        limits, force = self.params.limits, actuators.Fxf + actuators.Fxr
+        share = np.clip(force, -limits.brake_n, limits.drive_n) / force if force else 0.0
+        if actuators.Fxf * actuators.Fxr < 0:  # no axle drives while the other brakes
+            share = 0.0
+        held = Command(
+            stamp_ns=NEVER_NS,
+            delta=float(np.clip(actuators.delta, -limits.steer_rad, limits.steer_rad)),
+            d_delta=0.0,
+            Fxf=float(share * actuators.Fxf),
+            Fxr=float(share * actuators.Fxr),
+        )
         self.memory = replace(
             self._begin(held),
             actuators=ActuatorState(start=actuators),
@@ -160,7 +170,8 @@ class Controller:
     def check_change(self, params: ControllerParams) -> None:
         """Raise ParameterError for a change that would have no effect or break off the drive."""
         run_time_parameters.check_emergency_limits(params, self.parts.start_limits)
-        changed = run_time_parameters.changed_names(self._given, params)
+        old = parameters.flatten(self._given)
+        changed = [k for k, value in parameters.flatten(params).items() if value != old[k]]
         self.parts.model.check_effect(params, changed)
         now, limits = self.active_ramp.end, params.limits
         present = {
@@ -242,7 +253,7 @@ class Controller:
             if prepares:
                 begin_ns = self.active_ramp.begin_ns
                 next_ns = conversions.add_seconds(begin_ns, self.params.model.step_s)
-                world = tick.world_at(self.memory, self.scene, next_ns, next_ns, self.parts)
+                world = obstacle_prediction.scene_at(self.memory.tracks, self.scene, next_ns)
                 self.memory = planner.prepare(self.memory, world, self.parts)
         except Exception as error:
             self.errors.add(error)
@@ -257,12 +268,17 @@ class Controller:
         Afterwards code and data are in memory, and the computing time is known. The first steps of
         a controller that compares plans meet an obstacle, so that all of its solvers have worked.
         """
-        memory, scene = self.memory, self.scene
-        compares = self.parts.compares and not self.missing()
+        memory, scene, emergency = self.memory, self.scene, self.scene
+        if self.parts.compares and not self.missing():  # one that a car at `x` passes or brakes for
+            theta = reference_path.project(scene.path, x.X, x.Y, None, 0.0)
+            _, v_ref = reference_path.arcs_at(scene.path, theta)
+            ahead = max(AHEAD_S * max(x.vx, float(v_ref)), LEAST_AHEAD_M)
+            arcs, _ = reference_path.arcs_at(scene.path, theta + ahead)
+            obstacle = Obstacle(1, float(arcs.X), float(arcs.Y), 0.5, 0.0, 0.0)
+            emergency = scene._replace(obstacles=scene.obstacles._replace(items=(obstacle,)))
         try:
             for number in range(steps):
-                is_emergency = compares and number < EMERGENCIES
-                self.scene = _with_obstacle_ahead(scene, x) if is_emergency else scene
+                self.scene = emergency if number < EMERGENCIES else scene
                 stamp_ns = conversions.add_seconds(x.stamp_ns, self.params.model.step_s)
                 x = x._replace(stamp_ns=stamp_ns)
                 yield self.step(TickInputs(x))
@@ -286,20 +302,6 @@ class Controller:
         return Memory(
             last=command,
             ramps=(ramp,),
-            sightings=Sightings(unknown_state(NEVER_NS)),
             friction=friction.start if friction else None,
             believed=self.params.model.friction,
         )
-
-
-def _with_obstacle_ahead(scene: Scene, x: VehicleState) -> Scene:
-    """Return a complete scene with one obstacle instead of its own, on the path ahead of the car.
-
-    A car at `x` has to pass it or to brake for it.
-    """
-    theta = reference_path.project(scene.path, x.X, x.Y, None, 0.0)
-    _, v_ref = reference_path.arcs_at(scene.path, theta)
-    ahead = max(AHEAD_S * max(x.vx, float(v_ref)), LEAST_AHEAD_M)
-    arcs, _ = reference_path.arcs_at(scene.path, theta + ahead)
-    obstacle = Obstacle(1, float(arcs.X), float(arcs.Y), 0.5, 0.0, 0.0)
-    return scene._replace(obstacles=Obstacles(scene.obstacles.stamp_ns, (obstacle,)))

@@ -23,9 +23,8 @@ from msgs_yaml.types import VehicleState
 from stage_solver import stage_problem
 
 MAX_STEP_S = 0.01  # of the integration
-WINDOW = (
-    20  # computing times that count, 1 s of ticks: adapts to a busy machine, ignores an outlier
-)
+# computing times that count, 1 s of ticks: adapts to a busy machine, ignores an outlier
+WINDOW = 20
 
 
 class SetpointRamp(NamedTuple):
@@ -82,35 +81,25 @@ def predict(
     """
     if stamp_ns == measured.stamp_ns:
         return measured
-    _, X, Y, psi, vx, vy, r = measured
-    x = State(X, Y, psi, vx, vy, r, theta=0.0, delta=0.0, Fx=0.0)
-    begin_ns = measured.stamp_ns
+    x = State(*measured[1:], theta=0.0, delta=0.0, Fx=0.0)
+    begin_ns, numbers = measured.stamp_ns, np.array(car)
+    step = midpoint_step(single_track.structure(car))
     for ramp, following in zip_longest(ramps, ramps[1:]):
         end_ns = min(following.begin_ns, stamp_ns) if following else stamp_ns
         if end_ns > begin_ns:
             # begin and end coincide for a command that was due when it took effect
             corners = {ns for ns in (ramp.begin_ns, ramp.end_ns) if begin_ns < ns < end_ns}
             for from_ns, to_ns in pairwise([begin_ns, *sorted(corners), end_ns]):
-                x = _integrate(x, ramp, from_ns, to_ns, car)
+                begin, end, t = ramp.at(from_ns), ramp.before(to_ns), (to_ns - from_ns) / NS_PER_S
+                rates = (end.delta - begin.delta) / t, (end.Fx - begin.Fx) / t
+                u = Input(*rates, lambda_b=ramp.lambda_b, slack=0.0)
+                flat = np.array(x._replace(theta=0.0, delta=begin.delta, Fx=begin.Fx))
+                steps = math.ceil(t / MAX_STEP_S)
+                for _ in range(steps):
+                    flat = step(flat, u, t / steps, numbers).full().ravel()
+                x = State(*map(float, flat))
             begin_ns = end_ns
     return VehicleState(stamp_ns, x.X, x.Y, x.psi, x.vx, x.vy, x.r)
-
-
-def _integrate(x: State, ramp: SetpointRamp, from_ns: int, to_ns: int, car: Car) -> State:
-    """Return the state after a time in which the set-points move at constant rates."""
-    begin, end, duration_s = ramp.at(from_ns), ramp.before(to_ns), (to_ns - from_ns) / NS_PER_S
-    u = Input(
-        d_delta=(end.delta - begin.delta) / duration_s,
-        d_Fx=(end.Fx - begin.Fx) / duration_s,
-        lambda_b=ramp.lambda_b,
-        slack=0.0,
-    )
-    flat = np.array(x._replace(theta=0.0, delta=begin.delta, Fx=begin.Fx))
-    steps, numbers = math.ceil(duration_s / MAX_STEP_S), np.array(car)
-    step = midpoint_step(single_track.structure(car))
-    for _ in range(steps):
-        flat = step(flat, u, duration_s / steps, numbers).full().ravel()
-    return State(*map(float, flat))
 
 
 @cache

@@ -155,8 +155,12 @@ class FrictionEstimator:
         if before.last is None:
             return now
         duration_s = conversions.ns_to_s(x.stamp_ns - before.last.stamp_ns)
-        states = before.last, x
-        if 0 < duration_s <= LONGEST_S and all(map(self._is_modelled, states)):
+        slowest = SLOWEST_MPS if self._is_slow_known else LEAST_SPEED_MPS
+        is_modelled = all(  # not too slow, without much sideslip
+            state.vx > slowest and abs(state.vy) <= np.tan(MAX_SIDESLIP) * state.vx
+            for state in (before.last, x)
+        )
+        if 0 < duration_s <= LONGEST_S and is_modelled:
             return self._compare(before, now, measured, duration_s, ramps)
         return now
 
@@ -169,11 +173,6 @@ class FrictionEstimator:
             return x
         vx, vy, r = map(float, memory.velocities @ self.probabilities(memory))
         return x._replace(vx=vx, vy=vy, r=r)
-
-    def _is_modelled(self, x) -> bool:
-        """Return whether the model holds for a motion: not too slow, without much sideslip."""
-        slowest = SLOWEST_MPS if self._is_slow_known else LEAST_SPEED_MPS
-        return x.vx > slowest and abs(x.vy) <= np.tan(MAX_SIDESLIP) * x.vx
 
     def _compare(
         self, before: FrictionMemory, now: FrictionMemory, measured, duration_s, ramps

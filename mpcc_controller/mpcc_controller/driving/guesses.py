@@ -5,7 +5,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mpcc_controller.driving.setpoints import SetpointTarget
+from mpcc_controller.driving.braking import Point
+from mpcc_controller.driving.recovery import recovery_target
+from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.driving.ways import (
     LEAST_TIME_S,
     QUINTIC_PEAK,
@@ -53,24 +55,21 @@ def from_path(path: ReferencePath, x0: State, car: Car, horizon: int, dt: float)
     return start_at(Plan(np.column_stack(states), np.tile(constant, (horizon, 1))), x0)
 
 
-def from_law(
-    law: Callable[[State], SetpointTarget],
-    step: Callable,
-    car: Car,
-    x0: State,
-    horizon: int,
-    dt: float,
+def from_recovery(
+    x0: State, path: ReferencePath, car: Car, step: Callable, params: ControllerParams
 ) -> Plan:
-    """Return the plan that a control law drives in the prediction model (single shooting).
+    """Return the plan that the recovery law drives in the prediction model (single shooting).
 
-    `law` gives the set-points at the end of a tick from the state at its begin; `step` is that of
-    `single_track.step`. The guess obeys the dynamics and the limits of the actuators, from any
-    state: a car that slides is not near any plan along the path.
+    `step` is that of `single_track.step`. The guess obeys the dynamics and the limits of the
+    actuators, from any state: a car that slides is not near any plan along the path.
     """
-    X, U, parameters = [np.array(x0, float)], [], np.array(car)
-    for _ in range(horizon):
+    X, U, parameters, dt = [np.array(x0, float)], [], np.array(car), params.model.step_s
+    for _ in range(params.model.horizon):
         x = State(*X[-1].tolist())
-        target = law(x)
+        preview = max(params.braking.preview_s * x.vx, params.braking.least_preview_m)
+        arcs, _ = reference_path.arcs_at(path, x.theta + preview)
+        ahead = Point(float(arcs.X), float(arcs.Y))
+        target = recovery_target(x, Setpoints(x.delta, x.Fx), ahead, car, params)
         rates = (target.delta - x.delta) / dt, (target.Fx - x.Fx) / dt
         u = Input(*rates, lambda_b=target.lambda_b, slack=0.0)
         U.append(np.array(u, float))
@@ -116,7 +115,12 @@ def along_profile(
     for begin, leave, target in knots:
         T = max(begin - time, LEAST_TIME_S)
         later = t >= time
-        e[later] = _quintic(np.minimum((t[later] - time) / T, 1.0), here, rate * T, target)
+        # the quintic of tau in [0, 1] to rest at the target; both ends have no acceleration
+        tau = np.minimum((t[later] - time) / T, 1.0)
+        slope, rise = rate * T, target - here
+        cubic = 10 * rise - 6 * slope
+        quartic, quintic = 8 * slope - 15 * rise, 6 * rise - 3 * slope
+        e[later] = here + tau * (slope + tau**2 * (cubic + tau * (quartic + tau * quintic)))
         time, here, rate = max(leave, time + T), target, 0.0
     arcs = around.arcs
     X = arcs.X - e * np.sin(arcs.psi)
@@ -141,49 +145,24 @@ def braking(
     lateral = min(float(np.max(np.abs(line[:, 5] * line[:, 3]))), 0.8 * available)
     deceleration = math.sqrt(available**2 - lateral**2)
     floor = min(params.limits.least_speed_mps if floor is None else floor, x0.vx)
-    vx, force = _braking_straight(len(line), deceleration, floor, x0, car, params)
-    distance = travelled(vx, params.model.step_s)
+    # The prediction model brakes straight on: the force goes to that of the deceleration at its
+    # rate limit. The resistances are left out: what is promised is to be kept.
+    dt, limits = params.model.step_s, params.limits
+    hardest = -min(car.m * deceleration, limits.brake_n)
+    change = limits.force_rate_nps * dt * np.arange(len(line))
+    force = x0.Fx + np.clip(hardest - x0.Fx, -change, change)
+    # what acts in each step, see `single_track.acting`
+    acting = (force[1:] + force[:-1]) / 2 - car.force_lag * np.diff(force) / dt
+    gained = np.concatenate(([0.0], np.cumsum(acting))) * dt / car.m
+    vx = np.maximum(x0.vx + gained, floor)
+    force = np.where(vx > floor, force, 0.0)
+    distance = travelled(vx, dt)
     along = line[:, THETA] - line[0, THETA]
     along = np.maximum.accumulate(along + 1e-9 * np.arange(len(along)))
     beyond = np.maximum(distance - along[-1], 0)
     X, Y, psi = (np.interp(distance, along, line[:, i]) for i in range(3))
     X, Y = X + beyond * np.cos(psi), Y + beyond * np.sin(psi)
     return _steady_plan(X, Y, psi, vx, force, x0.theta + distance, x0, car, params)
-
-
-def _braking_straight(count, deceleration, floor, x0, car, params) -> tuple[np.ndarray, np.ndarray]:
-    """Return speeds [m/s] and forces [N] (count,) of the prediction model that brakes straight on.
-
-    The force goes to that of the deceleration, at most `limits.brake_n`, at its rate limit. The
-    resistances are left out: what is promised is to be kept.
-    """
-    dt, limits = params.model.step_s, params.limits
-    hardest = -min(car.m * deceleration, limits.brake_n)
-    change = limits.force_rate_nps * dt * np.arange(count)
-    force = x0.Fx + np.clip(hardest - x0.Fx, -change, change)
-    # what acts in each step, see `single_track.acting`
-    acting = (force[1:] + force[:-1]) / 2 - car.force_lag * np.diff(force) / dt
-    gained = np.concatenate(([0.0], np.cumsum(acting))) * dt / car.m
-    vx = np.maximum(x0.vx + gained, floor)
-    return vx, np.where(vx > floor, force, 0.0)
-
-
-def braking_cost(guess: Plan, around: RoadAhead, params: ControllerParams) -> float:
-    """Return the cost of the speed that a braking guess loses; no braking plan costs much less."""
-    vx = guess.X[:, 3]
-    lost = np.maximum(np.minimum(around.vx, around.v_ref) - vx, 0)
-    return float(np.sum((lost / params.tolerances.velocity_mps) ** 2))
-
-
-def _quintic(tau, start, slope, end):
-    """Return the quintic of tau in [0, 1] from `start` with `slope` to rest at `end`.
-
-    Both ends have no acceleration.
-    """
-    rise = end - start
-    cubic = 10 * rise - 6 * slope
-    quartic, quintic = 8 * slope - 15 * rise, 6 * rise - 3 * slope
-    return start + tau * (slope + tau**2 * (cubic + tau * (quartic + tau * quintic)))
 
 
 def _steady_plan(X, Y, course, vx, Fx, theta, x0, car, params) -> Plan:

@@ -1,4 +1,6 @@
-"""Braking after an internal error: the command of a tick that raised. SI units, ISO 8855.
+"""After an internal error: it is counted, and the tick that raised commands to brake.
+
+SI units, ISO 8855.
 
 Whatever a tick calls may be what failed, so this shares no function with it, only numbers. The law
 is that of `braking`, simplified: both axles use the same share of their friction, as the loads are
@@ -6,6 +8,8 @@ under that braking, and the friction circle of the weaker one holds for the car.
 """
 
 import math
+from collections import Counter
+from pathlib import Path
 
 import numpy as np
 
@@ -15,6 +19,34 @@ from msgs_yaml.types import Command, VehicleState
 
 GRAVITY = 9.81  # m/s^2
 SLOW_MPS = 5.0  # slip angles are not taken with less
+INTERNAL_ERROR = 'internal_error'  # the reason of a tick that raised; in diagnostics, which error
+
+
+class InternalErrors:
+    """Counts exceptions by their kind: their type, and the line that raised them."""
+
+    def __init__(self):
+        self.counts = Counter()
+        self.latest = ''  # kind and text of the last one
+        self._untold: list[str] = []
+
+    def add(self, error: Exception) -> None:
+        """Count an exception that was caught."""
+        place, trace = '', error.__traceback__
+        while trace is not None:
+            code = trace.tb_frame.f_code
+            place = f' in {Path(code.co_filename).name}, line {trace.tb_lineno}, {code.co_name}'
+            trace = trace.tb_next
+        kind = type(error).__name__ + place
+        self.latest = f'{kind}: {error}'
+        if not self.counts[kind]:
+            self._untold.append(self.latest)
+        self.counts[kind] += 1
+
+    def take_new(self) -> list[str]:
+        """Return a line for each kind that is new since the last call."""
+        lines, self._untold = self._untold, []
+        return lines
 
 
 def braking_command(
@@ -35,12 +67,20 @@ def braking_command(
     most_lateral = braking.lateral_use * usable
     known = all(math.isfinite(value) for value in x) and line is not None and len(line) > 1
     lateral, least = most_lateral, most_lateral
-    if known:
-        lateral = _lateral_acceleration(x, line, braking)
+    if known:  # of the arc to a point of the line ahead (pure pursuit)
+        preview = max(braking.preview_s * x.vx, braking.least_preview_m)
+        ahead, aside = _point_ahead(x, line, preview)
+        square, speed = ahead**2 + aside**2, math.hypot(x.vx, x.vy)
+        lateral = 2 * speed * (x.vx * aside - x.vy * ahead) / square if square else 0.0
         lateral = min(max(lateral, -most_lateral), most_lateral)
         least = max(abs(lateral), min(abs(x.vx * x.r), most_lateral))
-    force = _force(-car.m * math.sqrt(usable**2 - least**2), last, limits, step_s)
-    front = _front_share(force, last, car)
+    before, force_step = last.Fxf + last.Fxr, limits.force_rate_nps * step_s
+    force = min(max(-car.m * math.sqrt(usable**2 - least**2), -limits.brake_n), 0.0)
+    force = min(max(force, before - force_step), before + force_step)
+    if force < 0:  # shared as the axle loads are while braking
+        front = (car.l_r - car.h * force / (car.m * GRAVITY)) / (car.l_f + car.l_r)
+    else:
+        front = last.Fxf / before if before > 0 else 0.0
     delta = last.delta
     if known:
         delta = _steering_angle(x, lateral, front * min(force, 0.0), force, car)
@@ -54,14 +94,6 @@ def braking_command(
         Fxf=float(front * force),
         Fxr=float((1 - front) * force),
     )
-
-
-def _lateral_acceleration(x, line, braking) -> float:
-    """Return the lateral acceleration of the arc to a point of the line ahead (pure pursuit)."""
-    ahead, aside = _point_ahead(x, line, max(braking.preview_s * x.vx, braking.least_preview_m))
-    square = ahead**2 + aside**2
-    speed = math.hypot(x.vx, x.vy)
-    return 2 * speed * (x.vx * aside - x.vy * ahead) / square if square else 0.0
 
 
 def _point_ahead(x, line, distance):
@@ -84,21 +116,6 @@ def _point_ahead(x, line, distance):
     dX, dY = starts[k] + (s - before[k]) / lengths[k] * chords[k] - (x.X, x.Y)
     cos_psi, sin_psi = math.cos(x.psi), math.sin(x.psi)
     return cos_psi * dX + sin_psi * dY, cos_psi * dY - sin_psi * dX
-
-
-def _force(wanted, last, limits, step_s) -> float:
-    """Return the total force: `wanted` as far as range and rate allow."""
-    before, force_step = last.Fxf + last.Fxr, limits.force_rate_nps * step_s
-    force = min(max(wanted, -limits.brake_n), 0.0)
-    return min(max(force, before - force_step), before + force_step)
-
-
-def _front_share(force, last, car) -> float:
-    """Return the front share: of the axle loads while braking, that of `last` while driving."""
-    if force >= 0:
-        before = last.Fxf + last.Fxr
-        return last.Fxf / before if before > 0 else 0.0
-    return (car.l_r - car.h * force / (car.m * GRAVITY)) / (car.l_f + car.l_r)
 
 
 def _steering_angle(x, lateral, front_force, force, car) -> float:

@@ -4,15 +4,18 @@ import dataclasses
 import time
 from collections.abc import Callable
 
-from mpcc_controller import run_time_parameters
-from mpcc_controller.driving import choose
 from mpcc_controller.driving.actuator_monitor import ActuatorMonitor
 from mpcc_controller.driving.friction_estimate import FrictionEstimator
 from mpcc_controller.driving.gate import Gate
 from mpcc_controller.driving.prediction_model import PredictionModel
 from mpcc_controller.driving.tick_solvers import TickSolvers
 from mpcc_controller.parameters import CarParams, ControllerParams
+from mpcc_controller.run_time_parameters import EMERGENCY_LIMITS
 from msgs_yaml.conversions import NS_PER_S
+from node_runtime.parameters import ParameterError
+
+# parameters of `candidates` that may be left out where plans are compared
+OPTIONAL = ('regain_speed', 'explore_after_command')
 
 
 class Parts:
@@ -34,8 +37,12 @@ class Parts:
         self.params = params = self.model.params  # with the limits of the car
         self.start_limits, self.params_to_brake = params.limits, params
         self.compares = (params.candidates.most or 1) > 1
-        if self.compares:
-            choose.check(params.candidates)
+        for name, value in vars(params.candidates).items() if self.compares else ():
+            if value is None and name not in OPTIONAL:
+                raise ParameterError(
+                    f'candidates.{name}: is missing, and candidates.most is above 1; '
+                    'allowed to be left out with candidates.most 1'
+                )
         self.solvers = TickSolvers(self.model, limit_time, clock)
         self.command_ns = round((params.delay.command_s or 0.0) * NS_PER_S)
         self.actuators = ActuatorMonitor(vehicle)
@@ -54,10 +61,17 @@ class Parts:
     def change(self, params: ControllerParams) -> None:
         """Plan and drive by other weights and limits from the next tick on.
 
-        The gate and braking without a plan keep the limits of the start, where these are wider.
+        The gate and braking without a plan keep the limits of the start, where these are wider:
+        what is changed while the controller drives restrains its plans, not its emergency brake.
         """
         self.model.change(params)
         self.params = self.model.params
-        limits = run_time_parameters.emergency_limits(self.params.limits, self.start_limits)
+        limits = dataclasses.replace(
+            self.start_limits,
+            **{
+                name: max(getattr(self.params.limits, name), getattr(self.start_limits, name))
+                for name in (*EMERGENCY_LIMITS, 'drive_n')
+            },
+        )
         self.gate = self.gate._replace(limits=limits)
         self.params_to_brake = dataclasses.replace(self.params, limits=limits)

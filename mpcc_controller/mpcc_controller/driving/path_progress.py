@@ -9,7 +9,7 @@ from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import INTEGRATED, ControllerParams
 from mpcc_controller.path import reference_path
-from mpcc_controller.path.reference_path import ReferencePath
+from mpcc_controller.path.reference_path import ReferencePath, project
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.conversions import ns_to_s
 from msgs_yaml.types import VehicleState
@@ -28,7 +28,7 @@ def objection(path: ReferencePath, x: VehicleState) -> str:
     """
     if not np.all(np.isfinite(x)):
         return ''
-    theta = min(max(reference_path.project(path, x.X, x.Y, None, 0.0), 0.0), path.length)
+    theta = min(max(project(path, x.X, x.Y, None, 0.0), 0.0), path.length)
     foot, _ = reference_path.arcs_at(path, theta)
     distance = math.hypot(foot.X - x.X, foot.Y - x.Y)
     if distance > FARTHEST_M:
@@ -50,11 +50,6 @@ class Progress(NamedTuple):
     stage_ns: int = 0  # when stage 0 of the last plan was
 
 
-def project(progress: Progress, x: VehicleState, path: ReferencePath, reach_m: float) -> float:
-    """Return the distance [m] along the path of the point closest to the car, near the last one."""
-    return reference_path.project(path, x.X, x.Y, progress.theta, reach_m)
-
-
 def initial_state(
     progress: Progress,
     x: VehicleState,
@@ -70,7 +65,7 @@ def initial_state(
     is no last plan, after a change of the path, and beyond LOST_M from the projection.
     """
     model = params.model
-    here = theta = project(progress, x, scene.path, params.surroundings.path_search_m)
+    here = theta = project(scene.path, x.X, x.Y, progress.theta, params.surroundings.path_search_m)
     stage_ns = progress.stage_ns
     if model.theta == INTEGRATED:
         if progress.theta is not None and last_plan is not None:

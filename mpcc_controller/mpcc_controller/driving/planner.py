@@ -6,18 +6,18 @@ Every function takes the memory of the ticks before and returns the one after.
 from dataclasses import replace
 from functools import partial
 
-from mpcc_controller.driving import choose, fallback, guesses, recovery
+from mpcc_controller.driving import choose, guesses
 from mpcc_controller.driving.choose import BRAKE, FOLLOWED, Candidacy, Outcome
 from mpcc_controller.driving.fallback import Decision
 from mpcc_controller.driving.parts import Parts
 from mpcc_controller.driving.prediction_model import TickProblem
-from mpcc_controller.driving.records import Attempt, Comparison, LastSolve, Memory
-from mpcc_controller.driving.ways import RoadAhead
+from mpcc_controller.driving.records import Attempt, Memory
+from mpcc_controller.driving.ways import BEHIND, RoadAhead
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import REFRESHED
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.conversions import add_seconds
-from stage_solver.stage_problem import Plan, shift
+from stage_solver.stage_problem import shift
 
 PLAN_TOUCHES = 'plan_touches'  # an obstacle before which the car can stop
 BUILDING_SHARE = 0.25  # of `solver.time_limit_s` in which the problems of candidates are built
@@ -37,7 +37,7 @@ def plan(
     shifted = None if plans.plan is None else model.shift_to(plans.plan, x0, car)
     from_law = sliding and (not warm or bool(plans.failures))
     if from_law:
-        guess = guess_from_law(x0, scene, car, parts)
+        guess = guesses.from_recovery(x0, scene.path, car, model.step, params)
     elif not warm:
         guess = guesses.from_path(scene.path, x0, car, params.model.horizon, params.model.step_s)
     else:  # without the multipliers from which the solver failed
@@ -50,22 +50,27 @@ def plan(
     prepare_s = parts.clock() - began
     # what the paper's controller does not do is paid for by the solvers
     solving = began if parts.compares or from_law else began + prepare_s
-    first_guess = _first_guess(memory.prepared, problem, parts)
-    comparison, refreshes = None, None
+    first_guess = problem.guess_local
+    if memory.prepared is not None and guess.multipliers is not None:
+        # the stage parameters stay those around the shifted plan: preparation changes the way to
+        # the solution and not the problem
+        prepared = guesses.start_at(memory.prepared, x0)
+        first_guess = model.formulation.to_local(prepared, scene.path)
+    choice, refreshes, compare_s = None, None, None
     if others:
         compared = parts.clock()
-        problems = {FOLLOWED: problem, **others}
-        solutions = solvers.solve_beside(problem, first_guess, [*others.values()], solving)
-        solve_s = parts.clock() - compared
-        outcomes = _judge(problems, solutions, around, parts)
-        choice, hold = choose.choose(
-            outcomes, choose.path_sides(around), candidacy.hold, params.candidates
+        first, solutions = solvers.solve_candidates(
+            [*others.values()], solving, partial(solvers.solve, problem, first_guess, solving)
         )
+        compare_s = parts.clock() - compared
+        problems = {FOLLOWED: problem, **others}
+        outcomes = _judge(problems, [first, *solutions], around, parts)
+        path_sides = {h.obstacle.id: h.path_side for h in around.hazards if h.path_side != BEHIND}
+        choice, hold = choose.choose(outcomes, path_sides, candidacy.hold, params.candidates)
         candidacy = choose.keep(candidacy._replace(hold=hold), choice, params.candidates)
-        comparison = Comparison(choice, solve_s)
         problem, solution = choice.outcome.problem, choice.outcome.solution
     else:
-        solution = solvers.solve_followed(problem, first_guess, solving)
+        solution = solvers.solve(problem, first_guess, solving)
     if params.surroundings.arcs == REFRESHED:
         problem, solution, refreshes = solvers.refresh_arcs(problem, solution, solving)
     if parts.compares:
@@ -78,31 +83,21 @@ def plan(
         return PLAN_TOUCHES if touches else ''
 
     plans, decision = plans.decide(params.fallback, solution, shifted, sliding, objection)
-    outcome = comparison.choice.outcome if comparison else None
-    solved = LastSolve(problem, around, solution, outcome)
-    memory = replace(memory, plans=plans, candidacy=candidacy, solved=solved, prepared=None)
-    return (
-        memory,
-        decision,
-        Attempt(
-            problem=problem,
-            solution=solution,
-            plan=decision.plan,
-            warm=warm,
-            prepare_s=prepare_s,
-            plan_age=plans.age,
-            failures=plans.failures,
-            candidates=comparison,
-            refreshes=refreshes,
-        ),
+    attempt = Attempt(
+        problem=problem,
+        solution=solution,
+        plan=decision.plan,
+        warm=warm,
+        prepare_s=prepare_s,
+        solve_s=solution.solve_s if compare_s is None else compare_s,
+        plan_age=plans.age,
+        failures=plans.failures,
+        choice=choice,
+        around=around,
+        refreshes=refreshes,
     )
-
-
-def guess_from_law(x0: State, scene: Scene, car: Car, parts: Parts) -> Plan:
-    """Return the plan that the recovery law drives from `x0` in the prediction model."""
-    law = partial(recovery.target_along_path, path=scene.path, car=car, params=parts.params)
-    horizon, step_s = parts.params.model.horizon, parts.params.model.step_s
-    return guesses.from_law(law, parts.model.step, car, x0, horizon, step_s)
+    memory = replace(memory, plans=plans, candidacy=candidacy, solved=attempt, prepared=None)
+    return memory, decision, attempt
 
 
 def prepare(memory: Memory, scene: Scene, parts: Parts) -> Memory:
@@ -116,7 +111,7 @@ def prepare(memory: Memory, scene: Scene, parts: Parts) -> Memory:
         return replace(memory, prepared=None)
     x0 = State(*plans.plan.X[1])
     guess = parts.model.shift_to(plans.plan, x0, car)
-    solution = parts.solvers.solve_ahead(parts.model.build_problem(x0, scene, guess, car))
+    solution = parts.solvers.solve(parts.model.build_problem(x0, scene, guess, car))
     return replace(memory, prepared=solution.plan if parts.solvers.is_usable(solution) else None)
 
 
@@ -128,13 +123,15 @@ def explore(memory: Memory, parts: Parts) -> Memory:
     postponed = memory.candidacy.postponed
     if not postponed:
         return memory
-    last, around, solution, driven = memory.solved
-    began = parts.clock()
+    solved, began = memory.solved, parts.clock()
+    last = solved.problem
     problems = _build(last.x0, last.scene, postponed, last.car, began, parts)
-    solutions = parts.solvers.solve_candidates([*problems.values()], began)
-    outcomes = _judge(problems, solutions, around, parts)
-    if driven is None:
-        (driven,) = _judge({FOLLOWED: last}, [solution], around, parts)
+    _, solutions = parts.solvers.solve_candidates([*problems.values()], began)
+    outcomes = _judge(problems, solutions, solved.around, parts)
+    if solved.choice:
+        driven = solved.choice.outcome
+    else:
+        (driven,) = _judge({FOLLOWED: last}, [solved.solution], solved.around, parts)
     candidacy = memory.candidacy._replace(postponed=())
     rules = parts.params.candidates
     return replace(memory, candidacy=choose.keep_new_ways(candidacy, driven, outcomes, rules))
@@ -169,18 +166,6 @@ def continue_plan(
     return memory, decision
 
 
-def _first_guess(prepared: Plan | None, problem: TickProblem, parts: Parts) -> Plan:
-    """Return the initial guess: the plan that was prepared for this tick if there is one.
-
-    The stage parameters stay those around the shifted plan, so that preparation changes the way to
-    the solution and not the problem.
-    """
-    if prepared is None or problem.guess_map.multipliers is None:
-        return problem.guess_local
-    guess = guesses.start_at(prepared, problem.x0)
-    return parts.model.formulation.to_local(guess, problem.scene.path)
-
-
 def _build(x0, scene, proposed, car, began, parts) -> dict[str, TickProblem]:
     """Return the problems of candidates by name, in the order of `proposed`.
 
@@ -200,13 +185,6 @@ def _build(x0, scene, proposed, car, began, parts) -> dict[str, TickProblem]:
 def _judge(problems, solutions, around: RoadAhead | None, parts: Parts) -> list[Outcome]:
     """Return the outcomes of solved candidates."""
     return [
-        choose.judge(
-            name,
-            problem,
-            solution,
-            fallback.rejection_reason(solution, parts.params.fallback),
-            around,
-            parts.params,
-        )
+        choose.judge(name, problem, solution, around, parts.params)
         for (name, problem), solution in zip(problems.items(), solutions, strict=True)
     ]

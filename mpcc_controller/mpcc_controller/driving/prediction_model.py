@@ -8,6 +8,7 @@ import numpy as np
 
 from mpcc_controller import run_time_parameters
 from mpcc_controller.driving import guesses
+from mpcc_controller.in_force import in_force
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import CarParams, ControllerParams
@@ -20,7 +21,7 @@ from mpcc_controller.problem import (
     problem_check,
     stage_parameters,
 )
-from mpcc_controller.problem.plan_evaluator import PlanEvaluator
+from mpcc_controller.problem.ocp import PlanEvaluator
 from mpcc_controller.problem.stage_parameters import Scene, StageParameters
 from stage_solver.compiled_functions import BufferedFunction
 from stage_solver.solution import ONE_STEP, Solution
@@ -42,11 +43,6 @@ class TickProblem(NamedTuple):
     bounds: Bounds
     sliding: bool = False  # the car slides and is to be recovered
 
-    @property
-    def solver_arguments(self) -> tuple[np.ndarray, np.ndarray, Bounds]:
-        """What a `StageSolver` takes before the guess."""
-        return self.guess_local.X[0], self.parameters.P, self.bounds
-
 
 class PredictionModel:
     """The model of the car, the formulation of the problem, and their present parameters.
@@ -56,7 +52,7 @@ class PredictionModel:
 
     def __init__(self, params: ControllerParams, vehicle: CarParams):
         self._vehicle = vehicle
-        self.params = params = run_time_parameters.in_force(params, vehicle)
+        self.params = params = in_force(params, vehicle)
         self.car = stage_parameters.car(params, vehicle)  # on a road of `model.friction`
         self.formulation = formulation.make(params, self.car)
         compiled_queries.library()  # compiled now, not when the first path is set
@@ -72,7 +68,8 @@ class PredictionModel:
         """Return the car on a road of a friction."""
         if friction == self.params.model.friction:
             return self.car
-        return stage_parameters.with_friction(self.car, friction, self.params)
+        share, car = friction / self.params.model.friction, self.car
+        return car._replace(mu_f=share * car.mu_f, mu_r=share * car.mu_r)
 
     def car_to_brake(self, friction: float) -> Car:
         """Return the car on a road of a little more friction than is believed.
@@ -84,7 +81,7 @@ class PredictionModel:
 
     def change(self, params: ControllerParams) -> None:
         """Plan with other weights and limits from now on; see `run_time_parameters`."""
-        self.params = run_time_parameters.in_force(params, self._vehicle)
+        self.params = in_force(params, self._vehicle)
         self.formulation.set_params(self.params)
 
     def check_effect(self, params: ControllerParams, changed: Sequence[str]) -> None:

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from mpcc_controller.driving.actuator_monitor import ActuatorCheck, ActuatorState
-from mpcc_controller.driving.choose import Candidacy, Choice, Outcome
+from mpcc_controller.driving.choose import Candidacy, Choice
 from mpcc_controller.driving.delay_compensation import SetpointRamp
 from mpcc_controller.driving.fallback import Decision, Plans
 from mpcc_controller.driving.friction_estimate import FrictionBelief, FrictionMemory
-from mpcc_controller.driving.obstacle_perception import Sightings
+from mpcc_controller.driving.obstacle_prediction import Tracks
 from mpcc_controller.driving.path_progress import Progress
 from mpcc_controller.driving.prediction_model import TickProblem
 from mpcc_controller.driving.ways import RoadAhead
@@ -41,13 +41,6 @@ class TickInputs(NamedTuple):
     actuators: Actuators | None = None  # the newest message, to be compared with the set-points
 
 
-class Comparison(NamedTuple):
-    """The candidates of a tick. `solution` and `problem` of the attempt are of the chosen one."""
-
-    choice: Choice
-    solve_s: float  # s, wall time of all solves
-
-
 class Attempt(NamedTuple):
     """The solutions of one tick."""
 
@@ -56,9 +49,11 @@ class Attempt(NamedTuple):
     plan: Plan | None  # the plan that the fallback logic chose
     warm: bool  # whether the guess was the last plan
     prepare_s: float  # s, to build the problem
+    solve_s: float  # s, wall time of all solves
     plan_age: int  # ticks
     failures: int  # of the solver, in a row
-    candidates: Comparison | None = None  # where several plans were compared
+    choice: Choice | None = None  # where several plans were compared; `solution` is the chosen one
+    around: RoadAhead | None = None  # where there is danger
     refreshes: int | None = None  # solves with arcs taken again; None where that is off
 
 
@@ -88,25 +83,16 @@ class TickRecord(NamedTuple):
         return f'TickRecord(stamp_ns={self.command.stamp_ns}, {level}: {reason}, {self.command})'
 
 
-class LastSolve(NamedTuple):
-    """What the last tick solved, and what it drives."""
-
-    problem: TickProblem
-    around: RoadAhead | None
-    solution: Solution
-    outcome: Outcome | None  # where plans were compared
-
-
 @dataclass(frozen=True, eq=False)
 class Memory:
     """What one tick leaves to the next: immutable, so a drive can be forked and wound back."""
 
     last: Command  # sent last, or the held actuators
     ramps: tuple[SetpointRamp, ...]  # set-points sent, the newest last
-    sightings: Sightings
     friction: FrictionMemory | None  # None where it is not estimated
     believed: float  # friction coefficient
     actuators: ActuatorState = field(default_factory=ActuatorState)
+    tracks: Tracks = field(default_factory=Tracks)
     guide: tuple[int, np.ndarray] | None = None  # stamp [ns] and points [m] of the last plan, map
     known: VehicleState | None = None  # the last state that was finite
     is_too_slow: bool = False
@@ -114,7 +100,7 @@ class Memory:
     progress: Progress = field(default_factory=Progress)
     plans: Plans = field(default_factory=Plans)
     candidacy: Candidacy = field(default_factory=Candidacy)
-    solved: LastSolve | None = None
+    solved: Attempt | None = None  # the last one
     prepared: Plan | None = None  # solution of the problem expected next
     prepared_s: float | None = None  # computing time after the last command
     computing_s: tuple[float, ...] = ()  # of the last steps

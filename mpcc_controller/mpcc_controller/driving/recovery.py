@@ -18,7 +18,6 @@ line. Nothing is optimised: it cannot fail to converge.
 """
 
 import math
-from typing import NamedTuple
 
 from mpcc_controller.driving.braking import (
     Point,
@@ -36,34 +35,25 @@ from mpcc_controller.driving.setpoints import (
     within_limits,
 )
 from mpcc_controller.model import single_track
-from mpcc_controller.model.single_track import Car, State
-from mpcc_controller.parameters import ControllerParams, Limits
-from mpcc_controller.path import reference_path
-from mpcc_controller.path.reference_path import ReferencePath
+from mpcc_controller.model.single_track import Car
+from mpcc_controller.parameters import ControllerParams
 from msgs_yaml.types import VehicleState
 
 LEAST_MPS = 3.0  # a slower car does not slide: it is braked
 STEER_LAG_S = 0.052  # of a car whose lag is not in the model
 
 
-class Gains(NamedTuple):
-    """How the law reacts."""
-
-    slides_rad: float = 0.12  # sideslip of a car that slides
-    slides: float = 0.94  # rear slip of one, share of that of full sliding
-    holds: float = 0.7  # of both, below which a sliding car slides no more
-    sideslip: float = 2.5  # 1/s, k_beta
-    yaw_rate: float = 9.0  # 1/s, k_r
-    lateral_use: float = 0.5  # share of the usable friction for the way to the line
-    brake_use: float = 0.5  # of the braking force that the lateral forces leave
-    delay_s: float = 0.068  # from a state to the set-point that answers it; the servo comes after
-    spun_rad: float = 1.2  # sideslip beyond which no steering brings the car back
+SLIDES_RAD = 0.12  # sideslip of a car that slides
+SLIDES = 0.94  # rear slip of one, share of that of full sliding
+HOLDS = 0.7  # of both, below which a sliding car slides no more
+K_BETA, K_R = 2.5, 9.0  # 1/s, gains of sideslip and yaw rate
+LATERAL_USE = 0.5  # share of the usable friction for the way to the line
+BRAKE_USE = 0.5  # of the braking force that the lateral forces leave
+DELAY_S = 0.068  # from a state to the set-point that answers it; the servo comes after
+SPUN_RAD = 1.2  # sideslip beyond which no steering brings the car back
 
 
-GAINS = Gains()
-
-
-def is_sliding(x: VehicleState, car: Car, slid: bool = False, gains: Gains = GAINS) -> bool:
+def is_sliding(x: VehicleState, car: Car, slid: bool = False) -> bool:
     """Return whether the car slides too much to be braked along a line.
 
     It does if the sideslip angle or, for the friction of `car`, the slip angle of the rear axle is
@@ -72,11 +62,11 @@ def is_sliding(x: VehicleState, car: Car, slid: bool = False, gains: Gains = GAI
     """
     if not all(map(math.isfinite, x)) or math.hypot(x.vx, x.vy) < LEAST_MPS:
         return False
-    share = gains.holds if slid else 1.0
+    share = HOLDS if slid else 1.0
     full = math.atan(3 * car.mu_r * single_track.loads(0.0, car).r / car.C_r)
     return (
-        abs(math.atan2(x.vy, x.vx)) > share * gains.slides_rad
-        or abs(rear_slip(x, car)) > share * gains.slides * full
+        abs(math.atan2(x.vy, x.vx)) > share * SLIDES_RAD
+        or abs(rear_slip(x, car)) > share * SLIDES * full
     )
 
 
@@ -91,7 +81,6 @@ def recovery_target(
     lookahead: Point | None,
     car: Car,
     params: ControllerParams,
-    gains: Gains = GAINS,
 ) -> SetpointTarget:
     """Return the set-points of one step of recovery towards `lookahead`; without one, to straight.
 
@@ -99,11 +88,11 @@ def recovery_target(
     """
     limits, step_s = params.limits, params.model.step_s
     lag_s = car.steer_lag if params.model.servo_lag else STEER_LAG_S
-    x = _predict(x, now, car, gains.delay_s + lag_s)
+    x = _predict(x, now, car, DELAY_S + lag_s)
     v = max(math.hypot(x.vx, x.vy), LEAST_MPS)
     beta = math.atan2(x.vy, x.vx)
     Fz = single_track.loads(now.Fx, car)
-    most = gains.lateral_use * max_acceleration(car, limits)
+    most = LATERAL_USE * max_acceleration(car, limits)
     lateral = lateral_acceleration(x, lookahead, most) if lookahead else 0.0
     split = single_track.split(now.Fx, single_track.ideal_split(now.Fx, car), car)
     rear_capacity = lateral_capacity(car.mu_r * Fz.r, float(split.r))
@@ -111,10 +100,22 @@ def recovery_target(
     wheelbase = car.l_f + car.l_r
     F_d = car.m * lateral * car.l_f / wheelbase  # of the rear axle while cornering
     beta_d = car.l_r * lateral / v**2 - slip_of(F_d, car.mu_r * Fz.r, car.C_r)
-    r_d = F_yr * wheelbase / (car.l_f * car.m * v) + gains.sideslip * (beta - beta_d)
-    moment = car.Izz * gains.yaw_rate * (r_d - x.r)
+    r_d = F_yr * wheelbase / (car.l_f * car.m * v) + K_BETA * (beta - beta_d)
+    moment = car.Izz * K_R * (r_d - x.r)
     F_yf = (moment + car.l_r * F_yr) / car.l_f
-    Fx = _brake_force(F_yf, F_yr, beta, car, limits, gains)
+    # the largest braking force that both axles hold beside their lateral forces
+    if abs(beta) > SPUN_RAD:  # no steering brings the car back: as hard as the friction allows
+        Fx = -max_braking_force(0.0, car, limits)
+    else:
+        use, level = limits.friction_use, single_track.loads(0.0, car)
+        front, rear = use * car.mu_f * level.f, use * car.mu_r * level.r
+        front = lateral_capacity(front, min(abs(F_yf), front))
+        rear = lateral_capacity(rear, min(abs(F_yr), rear))
+        share = allowed_split(0.0, car, limits)
+        # an axle that does not brake limits nothing
+        front = front / share if share > 0 else math.inf
+        rear = rear / (1 - share) if share < 1 else math.inf
+        Fx = -BRAKE_USE * min(front, rear, limits.brake_n)
     force_step = limits.force_rate_nps * step_s
     Fx = min(max(Fx, now.Fx - force_step), now.Fx + force_step)
     Fx = min(max(Fx, -limits.brake_n), limits.drive_n)
@@ -123,16 +124,6 @@ def recovery_target(
     capacity = lateral_capacity(car.mu_f * single_track.loads(Fx, car).f, float(front))
     delta = _front_direction(x, car) + slip_of(F_yf, capacity, car.C_f)
     return within_limits(delta, Fx, lambda_b, now, limits, step_s)
-
-
-def target_along_path(
-    x: State, path: ReferencePath, car: Car, params: ControllerParams
-) -> SetpointTarget:
-    """Return the set-points of one step of recovery of a predicted state, towards its path."""
-    preview = max(params.braking.preview_s * x.vx, params.braking.least_preview_m)
-    arcs, _ = reference_path.arcs_at(path, x.theta + preview)
-    ahead = Point(float(arcs.X), float(arcs.Y))
-    return recovery_target(x, Setpoints(x.delta, x.Fx), ahead, car, params)
 
 
 def _predict(x: VehicleState, now: Setpoints, car: Car, t: float) -> VehicleState:
@@ -162,23 +153,3 @@ def _lateral_force(slip, capacity, C):
         return 0.0
     s = min(abs(C * math.tan(min(max(slip, -1.5), 1.5)) / (3 * capacity)), 1.0)
     return -math.copysign(capacity * s * (3 - 3 * s + s**2), slip)
-
-
-def _brake_force(F_yf, F_yr, beta, car: Car, limits: Limits, gains: Gains) -> float:
-    """Return the braking force [N], negative, that both axles hold beside their lateral forces.
-
-    Beyond `spun_rad` no steering brings the car back: it brakes as hard as the friction allows.
-    """
-    if abs(beta) > gains.spun_rad:
-        return -max_braking_force(0.0, car, limits)
-    Fz = single_track.loads(0.0, car)
-    use = limits.friction_use
-    front = lateral_capacity(use * car.mu_f * Fz.f, min(abs(F_yf), use * car.mu_f * Fz.f))
-    rear = lateral_capacity(use * car.mu_r * Fz.r, min(abs(F_yr), use * car.mu_r * Fz.r))
-    share = min(
-        max(Fz.f / (Fz.f + Fz.r), limits.brake_front_share_min), limits.brake_front_share_max
-    )
-    # an axle that does not brake limits nothing
-    front = front / share if share > 0 else math.inf
-    rear = rear / (1 - share) if share < 1 else math.inf
-    return -gains.brake_use * min(front, rear, limits.brake_n)

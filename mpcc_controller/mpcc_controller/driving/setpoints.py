@@ -7,7 +7,7 @@ import numpy as np
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import Limits
-from msgs_yaml.types import Actuators, Command
+from msgs_yaml.types import Command
 from stage_solver.stage_problem import Plan
 
 
@@ -97,18 +97,3 @@ def setpoints_of(command: Command, car: Car) -> tuple[Setpoints, float]:
     Fx = command.Fxf + command.Fxr
     share = command.Fxf / Fx if Fx < 0 else single_track.ideal_split(Fx, car)
     return Setpoints(command.delta, Fx), float(share)
-
-
-def hold_actuators(actuators: Actuators, limits: Limits, stamp_ns: int) -> Command:
-    """Return the command that holds the actuators where they are, within their limits."""
-    force = actuators.Fxf + actuators.Fxr
-    share = np.clip(force, -limits.brake_n, limits.drive_n) / force if force else 0.0
-    if actuators.Fxf * actuators.Fxr < 0:
-        share = 0.0
-    return Command(
-        stamp_ns=stamp_ns,
-        delta=float(np.clip(actuators.delta, -limits.steer_rad, limits.steer_rad)),
-        d_delta=0.0,
-        Fxf=float(share * actuators.Fxf),
-        Fxr=float(share * actuators.Fxr),
-    )

@@ -27,30 +27,35 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller import minimum_speed
 from mpcc_controller.driving import (
     braking,
-    delay_compensation,
     last_resort,
     measurement_errors,
-    obstacle_perception,
+    obstacle_prediction,
     path_progress,
     planner,
     recovery,
     setpoints,
 )
 from mpcc_controller.driving.choose import Candidacy
-from mpcc_controller.driving.delay_compensation import SetpointRamp, predict, still_needed
+from mpcc_controller.driving.delay_compensation import (
+    WINDOW,
+    SetpointRamp,
+    expected_delay,
+    predict,
+    still_needed,
+)
 from mpcc_controller.driving.fallback import BRAKING, RECOVERY, Decision
 from mpcc_controller.driving.friction_estimate import FrictionBelief
 from mpcc_controller.driving.gate import UNTIMELY
-from mpcc_controller.driving.internal_errors import INTERNAL_ERROR
+from mpcc_controller.driving.last_resort import INTERNAL_ERROR
 from mpcc_controller.driving.parts import Parts
 from mpcc_controller.driving.records import Attempt, Memory, TickInputs, TickRecord
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.driving.watchdog import STATE_STALE
+from mpcc_controller.in_force import least_driven
 from mpcc_controller.model.single_track import Car, State
-from mpcc_controller.problem import stage_parameters
+from mpcc_controller.path import reference_path
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.conversions import NS_PER_S, add_seconds, ns_to_s
 from msgs_yaml.types import Command, VehicleState
@@ -73,31 +78,6 @@ class Now(NamedTuple):
     world: Scene  # with its obstacles where they are then
     modelled: Car  # on the road that is believed
     effective_ns: int  # when the command takes effect
-
-
-class Sensed(NamedTuple):
-    """What a tick knows before it decides."""
-
-    memory: Memory
-    now: Now
-    friction: FrictionBelief | None  # None where it is not estimated
-
-
-class Decided(NamedTuple):
-    """What a tick decides to drive."""
-
-    memory: Memory
-    decision: Decision
-    x0: State | None = None  # stage 0; None where no plan could be attempted
-    attempt: Attempt | None = None  # None where nothing was solved
-
-
-class Acted(NamedTuple):
-    """The command of a decision, before the gate."""
-
-    memory: Memory
-    command: Command
-    braking_line: str | None  # the line that a braking car steers along; None with a plan
 
 
 def tick(
@@ -127,8 +107,7 @@ def tick(
     memory = _remember(memory, command, decision, now.effective_ns, rejections, parts)
     memory = replace(memory, slid=now.sliding, resumed=False)
     if not inputs.fault:  # braking takes no time and says nothing about the next solve
-        window = delay_compensation.WINDOW
-        memory = replace(memory, computing_s=(*memory.computing_s, computing_s)[-window:])
+        memory = replace(memory, computing_s=(*memory.computing_s, computing_s)[-WINDOW:])
     return memory, TickRecord(
         inputs=inputs,
         command=command,
@@ -206,62 +185,51 @@ def brake_after_error(
     )
 
 
-def _sense(memory: Memory, inputs: TickInputs, scene: Scene, parts: Parts) -> Sensed:
-    """Return what a tick plans from: the estimated state, and the world that is predicted."""
-    measured = measurement_errors.measured_state(inputs.state, parts.params.measurement_errors)
-    effective_ns = inputs.effective_ns
-    if effective_ns is None:
-        effective_ns = _effective_ns(memory, measured, inputs.age_s, parts)
-    memory, ramps, friction, measured = _estimate(memory, measured, inputs, parts)
+def _sense(
+    memory: Memory, inputs: TickInputs, scene: Scene, parts: Parts
+) -> tuple[Memory, Now, FrictionBelief | None]:
+    """Return what a tick plans from, and the friction where it is estimated.
+
+    That is the estimated state, and the world that is predicted.
+    """
+    params, truth = parts.params, inputs.state
+    measured = measurement_errors.measured_state(truth, params.measurement_errors)
+    stamp_ns, effective_ns = measured.stamp_ns, inputs.effective_ns
+    if effective_ns is None:  # not known: when it is expected
+        effective_ns = at_once_ns = stamp_ns + parts.command_ns
+        if parts.limit_time:
+            delay_s = expected_delay(memory.computing_s, inputs.age_s, params.delay)
+            # a state may be a little early: the actuators reach the last set-point first
+            earliest = max(add_seconds(at_once_ns, delay_s), memory.ramp.end_ns)
+            effective_ns = min(earliest, add_seconds(at_once_ns, params.delay.longest_s))
+    # actuators, and the ramps that act; then the friction, and the velocities
+    actuators = parts.actuators.update(memory.actuators, inputs.actuators, memory.ramps, stamp_ns)
+    ramps, belief = actuators.acting(memory.ramps), None
+    if parts.friction is not None:
+        friction = parts.friction.update(memory.friction, measured, ramps)
+        belief = parts.friction.belief(friction)
+        memory = replace(memory, friction=friction, believed=belief.friction)
+        measured = parts.friction.filtered(friction, measured)
+    tracks = obstacle_prediction.observe(memory.tracks, scene, truth, stamp_ns, params)
+    memory = replace(memory, actuators=actuators, tracks=tracks)
     modelled = parts.model.car_on(memory.believed)
-    start = memory.actuators.begin(memory.ramp.end, parts.params.limits)
     memory, predicted = _predict(memory, measured, effective_ns, ramps, modelled, parts)
-    recovers = bool(parts.params.fallback.recovery)
-    sliding = recovers and recovery.is_sliding(predicted, modelled, memory.slid)
-    sightings = obstacle_perception.observe(
-        memory.sightings, scene, inputs.state, measured.stamp_ns, parts.params
+    now = Now(
+        measured,
+        predicted,
+        sliding=bool(params.fallback.recovery)
+        and recovery.is_sliding(predicted, modelled, memory.slid),
+        start=actuators.begin(memory.ramp.end, params.limits),
+        world=obstacle_prediction.scene_at(tracks, scene, effective_ns),
+        modelled=modelled,
+        effective_ns=effective_ns,
     )
-    memory = replace(memory, sightings=sightings)
-    world = world_at(memory, scene, measured.stamp_ns, effective_ns, parts)
-    now = Now(measured, predicted, sliding, start, world, modelled, effective_ns)
-    return Sensed(memory, now, friction)
-
-
-def world_at(memory: Memory, scene: Scene, seen_ns: int, stamp_ns: int, parts: Parts) -> Scene:
-    """Return the scene as seen at an instant, with its obstacles moved to another."""
-    known = obstacle_perception.scene_known(memory.sightings, scene, seen_ns, parts.params)
-    return stage_parameters.scene_at(known, stamp_ns)
+    return memory, now, belief
 
 
 def missing(scene: Scene) -> tuple[str, ...]:
     """Return the names of the inputs that were never set."""
     return tuple(name for name, value in scene._asdict().items() if value is None)
-
-
-def _effective_ns(memory: Memory, measured: VehicleState, age_s: float, parts: Parts) -> int:
-    """Return when the command that answers a measured state is expected to take effect."""
-    at_once_ns = measured.stamp_ns + parts.command_ns
-    if not parts.limit_time:
-        return at_once_ns
-    delay = parts.params.delay
-    delay_s = delay_compensation.expected_delay(memory.computing_s, age_s, delay)
-    # a state may be a little early: the actuators reach the last set-point first
-    earliest = max(add_seconds(at_once_ns, delay_s), memory.ramp.end_ns)
-    return min(earliest, add_seconds(at_once_ns, delay.longest_s))
-
-
-def _estimate(memory: Memory, measured: VehicleState, inputs: TickInputs, parts: Parts):
-    """Return what is known of actuators and friction, the ramps that act, and the velocities."""
-    stamp_ns = measured.stamp_ns
-    actuators = parts.actuators.update(memory.actuators, inputs.actuators, memory.ramps, stamp_ns)
-    ramps = actuators.acting(memory.ramps)
-    memory = replace(memory, actuators=actuators)
-    if parts.friction is None:
-        return memory, ramps, None, measured
-    friction = parts.friction.update(memory.friction, measured, ramps)
-    belief = parts.friction.belief(friction)
-    memory = replace(memory, friction=friction, believed=belief.friction)
-    return memory, ramps, belief, parts.friction.filtered(friction, measured)
 
 
 def _predict(
@@ -286,21 +254,26 @@ def _predict(
     return replace(memory, known=known), predict(measured, acting, effective_ns, modelled)
 
 
-def _decide(memory: Memory, now: Now, fault: str, parts: Parts) -> Decided:
-    """Return the plan to drive, or the lower level of the ladder, and what was solved for it."""
+def _decide(
+    memory: Memory, now: Now, fault: str, parts: Parts
+) -> tuple[Memory, Decision, State | None, Attempt | None]:
+    """Return the plan to drive, or the lower level of the ladder, and what was solved for it.
+
+    With it stage 0, None where no plan could be attempted.
+    """
     params, (measured, predicted, sliding, start, world, modelled, _) = parts.params, now
     if fault == STATE_STALE or not np.all(np.isfinite(measured)):
         reason = fault if fault == STATE_STALE else NOT_FINITE
         since_ns = measured.stamp_ns - memory.last.stamp_ns
         ticks = round(since_ns / (params.model.step_s * NS_PER_S))
-        return Decided(*planner.continue_plan(memory, reason, ticks, modelled, parts))
-    least = minimum_speed.least_driven(params.limits)
+        return *planner.continue_plan(memory, reason, ticks, modelled, parts), None, None
+    least = least_driven(params.limits)
     margin = params.limits.speed_hysteresis_mps if memory.is_too_slow else 0.0
     is_too_slow = bool(predicted.vx < least + margin)
     memory = replace(memory, is_too_slow=is_too_slow)
     lacking = missing(world)
     if lacking:
-        return Decided(*planner.brake(memory, f'no_{lacking[0]}', sliding))
+        return *planner.brake(memory, f'no_{lacking[0]}', sliding), None, None
     progress, x0 = path_progress.initial_state(
         memory.progress, predicted, start, world, memory.plans.plan, params
     )
@@ -312,13 +285,18 @@ def _decide(memory: Memory, now: Now, fault: str, parts: Parts) -> Decided:
     if not reason and x0.theta > path.length and not stops:
         reason = PATH_ENDED
     if reason:
-        return Decided(*planner.brake(memory, reason, sliding), x0)
+        return *planner.brake(memory, reason, sliding), x0, None
     memory, decision, attempt = planner.plan(memory, x0, world, modelled, sliding, parts)
-    return Decided(memory, decision, x0, attempt)
+    return memory, decision, x0, attempt
 
 
-def _act(memory: Memory, decision: Decision, is_new: bool, now: Now, parts: Parts) -> Acted:
-    """Return the command that drives a decision; `is_new` for a plan of this tick."""
+def _act(
+    memory: Memory, decision: Decision, is_new: bool, now: Now, parts: Parts
+) -> tuple[Memory, Command, str | None]:
+    """Return the command that drives a decision, before the gate; `is_new`: a plan of this tick.
+
+    With it the line that a braking car steers along, None with a plan.
+    """
     params, (measured, predicted, _, start, world, modelled, _) = parts.params, now
     step_s, limits, line = params.model.step_s, parts.params_to_brake.limits, None
     if decision.plan is not None:
@@ -329,7 +307,8 @@ def _act(memory: Memory, decision: Decision, is_new: bool, now: Now, parts: Part
         theta = None
         if world.path is not None and np.all(np.isfinite(predicted)):
             reach_m = params.surroundings.path_search_m
-            theta = path_progress.project(memory.progress, predicted, world.path, reach_m)
+            near = memory.progress.theta
+            theta = reference_path.project(world.path, predicted.X, predicted.Y, near, reach_m)
             memory = replace(memory, progress=memory.progress._replace(theta=theta))
         guide = memory.plans.guide(params.fallback)
         line, ahead = braking.lookahead_point(predicted, guide, world.path, theta, params.braking)
@@ -341,7 +320,7 @@ def _act(memory: Memory, decision: Decision, is_new: bool, now: Now, parts: Part
     sent = memory.ramp.end
     target = memory.actuators.target_from(target, start, sent, modelled, limits, step_s)
     command = setpoints.command_to(target, sent, modelled, step_s, measured.stamp_ns)
-    return Acted(memory, command, line)
+    return memory, command, line
 
 
 def _remember(memory: Memory, command: Command, decision, effective_ns, rejections, parts: Parts):

@@ -1,11 +1,11 @@
 """Explains a tick: the values of /controller/why and the planned poses, from a `TickRecord`."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from mpcc_controller.driving import ways
-from mpcc_controller.driving.actuator_monitor import FAULT, ActuatorCheck
+from mpcc_controller.driving.actuator_monitor import FAULT
 from mpcc_controller.driving.fallback import BRAKING, RECOVERY
 from mpcc_controller.driving.records import Attempt, TickRecord
 from mpcc_controller.model import single_track
@@ -16,11 +16,12 @@ from mpcc_controller.path.distance import Disc
 from mpcc_controller.path.frenet_frame import FrenetDisc, FrenetPoint
 from mpcc_controller.problem import stage_parameters
 from mpcc_controller.problem.formulation import Formulation
-from mpcc_controller.problem.plan_evaluator import PlanEvaluator, PlanValues
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle
+from mpcc_controller.problem.ocp import PlanEvaluator, PlanValues
 from mpcc_controller.problem.stage_parameters import Scene, StageParameters
 from mpcc_controller.run_time_parameters import REPORTED
 from msgs_yaml.conversions import ns_to_s
-from msgs_yaml.types import Obstacle, Prediction, Why
+from msgs_yaml.types import Prediction, Why
 from stage_solver.solution import SOLVED
 
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs
@@ -89,8 +90,14 @@ class TickReporter:
         values['split.ideal'] = float(single_track.ideal_split(force, self._formulation.car))
         values['gate.rejections'] = sum(record.rejections.values())
         values |= {f'gate.{reason}': n for reason, n in sorted(record.rejections.items())}
-        if record.actuators is not None:
-            values |= _actuators(record.actuators)
+        # how far the actuators are beyond their set-points, and which do not follow them
+        check = record.actuators
+        if check is not None and check.age_s is not None:
+            values[ACTUATORS_AGE] = 1e3 * check.age_s
+            values['actuators.steer_error_rad'] = check.steer_error
+            values['actuators.force_error_n'] = check.force_error
+        if check is not None and check.faults:
+            values[FAULT] = '+'.join(check.faults)
         if record.resumed:
             values[RESUMED] = True
         # obstacles that the problem has no room for
@@ -110,7 +117,9 @@ class TickReporter:
     def _plan_values(self, record: TickRecord) -> dict:
         attempt, params = record.attempt, self._params
         if attempt is None:
-            near = stage_parameters.closest_to_state(params, record.scene, record.x0)
+            here = State(*(np.array([value]) for value in record.x0))
+            known = record.scene.obstacles
+            near = stage_parameters.closest_obstacles(params, known, here, np.zeros(1))
             return distances_now(record.x0, record.scene, near, params)
         parameters, scene = attempt.problem.parameters, attempt.problem.scene
         values = distances_now(attempt.problem.x0, scene, parameters.obstacles, params)
@@ -119,7 +128,7 @@ class TickReporter:
             evaluated = self._evaluator.evaluate(plan, parameters.P)
             values |= _planned(evaluated, parameters, attempt.plan.U)
         # the lines of the candidates that may be driven, one text each, for viewers
-        outcomes = attempt.candidates.choice.outcomes if attempt.candidates else ()
+        outcomes = attempt.choice.outcomes if attempt.choice else ()
         for number, outcome in enumerate(outcomes):
             if outcome.is_usable:
                 points = outcome.solution.plan.X[::LINE_STAGES, :2]
@@ -128,19 +137,9 @@ class TickReporter:
         return values
 
 
-def _actuators(check: ActuatorCheck) -> dict:
-    """Return how far the actuators are beyond their set-points, and which do not follow them."""
-    values = {}
-    if check.age_s is not None:
-        values[ACTUATORS_AGE] = 1e3 * check.age_s
-        values['actuators.steer_error_rad'] = check.steer_error
-        values['actuators.force_error_n'] = check.force_error
-    return values | ({FAULT: '+'.join(check.faults)} if check.faults else {})
-
-
 def _solutions(attempt: Attempt) -> dict:
     """Return status and times of the solver; `solve_ms` is the time of all solves together."""
-    solution, compared = attempt.solution, attempt.candidates
+    solution = attempt.solution
     values = {
         'solver.warm': attempt.warm,
         'solver.status': solution.status,
@@ -150,16 +149,16 @@ def _solutions(attempt: Attempt) -> dict:
         'solver.dual_residual': solution.dual_residual,
         'solver.cost': solution.cost,
         'time.prepare_ms': 1e3 * attempt.prepare_s,
-        'time.solve_ms': 1e3 * (compared.solve_s if compared else solution.solve_s),
+        'time.solve_ms': 1e3 * attempt.solve_s,
         'time.solve_cpu_ms': 1e3 * solution.cpu_s,
         'plan.age': attempt.plan_age,
         'plan.failures': attempt.failures,
     }
     if attempt.refreshes is not None:
         values['solver.refreshes'] = attempt.refreshes
-    if compared is None:
+    if attempt.choice is None:
         return values
-    outcomes, chosen, switched = compared.choice
+    outcomes, chosen, switched = attempt.choice
     values['time.solve_cpu_ms'] = 1e3 * sum(outcome.solution.cpu_s for outcome in outcomes)
     values['candidates.count'] = len(outcomes)
     values['candidates.chosen'], values['candidates.switched'] = chosen, switched
@@ -180,7 +179,7 @@ def _solutions(attempt: Attempt) -> dict:
 
 
 def distances_now(
-    x: State, scene: Scene, obstacles: tuple[Obstacle, ...], params: ControllerParams
+    x: State, scene: Scene, obstacles: Sequence[PredictedObstacle], params: ControllerParams
 ) -> dict:
     """Return the distances at this instant, to obstacles also in path coordinates.
 

@@ -67,12 +67,15 @@ class TickSolvers:
             if solver is not None:
                 _solve(solver, problem, problem.guess_local._replace(multipliers=None))
 
-    def solve(self, problem: TickProblem) -> Solution:
-        """Return the solution from the guess of the problem."""
-        return self.solve_followed(problem, problem.guess_local, self.clock())
+    def solve(
+        self, problem: TickProblem, guess: Plan | None = None, began: float | None = None
+    ) -> Solution:
+        """Return the solution of the followed plan; of a car that slides, see `_solve_relaxed`.
 
-    def solve_followed(self, problem: TickProblem, guess: Plan, began: float) -> Solution:
-        """Return the solution of the followed plan; of a car that slides, see `_solve_relaxed`."""
+        It starts from the guess of the problem, and its time begins now, unless they are given.
+        """
+        guess = problem.guess_local if guess is None else guess
+        began = self.clock() if began is None else began
         chosen = self._chosen(problem)
         self._limit(chosen, began)
         first = self._run(chosen, problem, guess)
@@ -107,25 +110,31 @@ class TickSolvers:
             best = on_the_way._replace(cost=cost, status=STOPPED_EARLY, message=RELAXED)
         return _with_effort_of(best, (first, on_the_way, second))
 
-    def solve_beside(
-        self, followed: TickProblem, guess: Plan, others: Sequence[TickProblem], began: float
-    ) -> list[Solution]:
-        """Return the solutions of the followed plan and the other candidates, in parallel.
+    def solve_candidates(
+        self,
+        problems: Sequence[TickProblem],
+        began: float,
+        own: Callable[[], Any] = lambda: None,
+    ) -> tuple[Any, list[Solution]]:
+        """Return the result of `own`, called in this thread, and the solutions of candidates.
 
-        All of them within the time limit of the followed plan, where there is one.
+        All of them in parallel, within the time limit of the followed plan, where there is one.
+        Then a candidate that does not return in the time of all solvers has failed, and this thread
+        solves none of them.
         """
-        own = partial(self.solve_followed, followed, guess, began)
-        first, solutions = self._solve_in_parallel(own, others, began)
-        return [first, *solutions]
 
-    def solve_candidates(self, problems: Sequence[TickProblem], began: float) -> list[Solution]:
-        """Return the solutions of candidates alone, in parallel; limited as by `solve_beside`."""
-        return self._solve_in_parallel(lambda: None, problems, began)[1]
+        def job(problem, solver):  # called in any thread
+            self._limit(solver, began)
+            return _solve(solver, problem, problem.guess_local)
 
-    def solve_ahead(self, problem: TickProblem) -> Solution:
-        """Return the solution of a problem that is expected later."""
-        self._limit(self.followed, self.clock())
-        return self._run(self.followed, problem, problem.guess_local)
+        def patience_s():
+            limit_s = self.prediction.params.solver.patience_s
+            return max(limit_s - (self.clock() - began), 0.0) if self.limit_time else None
+
+        jobs = [partial(job, problem) for problem in problems]
+        result, solved = self.parallel.run(own, jobs, patience_s)
+        solved = [s or _failed(p.guess_local, HANGS) for s, p in zip(solved, problems)]
+        return result, [*map(self.prediction.to_map, solved, problems)]
 
     def refresh_arcs(
         self, problem: TickProblem, first: Solution, began: float
@@ -138,14 +147,14 @@ class TickSolvers:
         solution that may not be driven is dropped.
         """
         chosen, limit_s = self._chosen(problem), self.prediction.params.solver.time_limit_s
-        refreshes, is_limited = 0, False
+        refreshes = 0
         try:
-            while refreshes < MOST_REFRESHES and self._has_left_arcs(problem, first):
+            while refreshes < MOST_REFRESHES and self.is_usable(first):
+                moved = np.abs(first.plan.X[:, THETA] - problem.guess_map.X[:, THETA])
                 remaining_s = limit_s - (self.clock() - began)
-                if self.limit_time and remaining_s <= 0:
+                if np.max(moved) <= REFRESH_FROM_M or (self.limit_time and remaining_s <= 0):
                     break
                 if self.limit_time:
-                    is_limited = True
                     chosen.set_time_limit(remaining_s)
                 again = self.prediction.build_problem(
                     problem.x0, problem.scene, first.plan, problem.car, problem.sliding
@@ -157,20 +166,13 @@ class TickSolvers:
                     break
                 problem, first = again, _with_effort_of(solution, (first, solution))
         finally:
-            if is_limited:
+            if self.limit_time and refreshes:
                 chosen.set_time_limit(limit_s)
         return problem, first, refreshes
 
     def is_usable(self, solution: Solution) -> bool:
         """Return whether a solution may be driven."""
         return not fallback.rejection_reason(solution, self.prediction.params.fallback)
-
-    def _has_left_arcs(self, problem: TickProblem, solution: Solution) -> bool:
-        """Return whether a plan that may be driven is far from where its arcs were taken."""
-        if not self.is_usable(solution):
-            return False
-        moved = np.abs(solution.plan.X[:, THETA] - problem.guess_map.X[:, THETA])
-        return bool(np.max(moved) > REFRESH_FROM_M)
 
     def _chosen(self, problem: TickProblem) -> StageSolver:
         """Return the solver of the followed plan; of a slide, one that iterates longer."""
@@ -188,29 +190,6 @@ class TickSolvers:
     def _run(self, solver: StageSolver, problem: TickProblem, guess: Plan) -> Solution:
         return self.prediction.to_map(_solve(solver, problem, guess), problem)
 
-    def _solve_in_parallel(
-        self, own: Callable[[], Any], problems: Sequence[TickProblem], began: float
-    ) -> tuple[Any, list[Solution]]:
-        """Return the result of `own`, and the solutions of candidates.
-
-        With a time limit a candidate that does not return in the time of all solvers has failed,
-        and this thread solves none of them.
-        """
-
-        def job(problem, solver):  # called in any thread
-            self._limit(solver, began)
-            return _solve(solver, problem, problem.guess_local)
-
-        limit_s = self.prediction.params.solver.patience_s
-
-        def patience_s():
-            return max(limit_s - (self.clock() - began), 0.0) if self.limit_time else None
-
-        jobs = [partial(job, problem) for problem in problems]
-        result, solved = self.parallel.run(own, jobs, patience_s)
-        solved = [s or _failed(p.guess_local, HANGS) for s, p in zip(solved, problems)]
-        return result, [*map(self.prediction.to_map, solved, problems)]
-
 
 def solver_options(params: ControllerParams, limit_time: bool) -> SolverOptions:
     """Return the options of the solver of every tick."""
@@ -227,7 +206,7 @@ def solver_options(params: ControllerParams, limit_time: bool) -> SolverOptions:
 def _solve(solver: StageSolver, problem: TickProblem, guess: Plan) -> Solution:
     """Return the solution; a solver that raises has failed: the car needs a command anyway."""
     try:
-        return solver.solve(*problem.solver_arguments, guess)
+        return solver.solve(problem.guess_local.X[0], problem.parameters.P, problem.bounds, guess)
     except Exception as error:
         return _failed(guess, str(error))
 

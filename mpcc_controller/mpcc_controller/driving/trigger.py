@@ -19,12 +19,15 @@ NOTHING = Due(step=False, repeat=False, restart=False)
 class Trigger:
     """The stamps of the state kept last, of the actuators and of the last answer."""
 
+    obstacles = None
+
     def __init__(self, step_s: float):
         self.step_ns = round(step_s * NS_PER_S)
         self.state = self.actuators = self.answered = None
 
     def on_obstacles(self, stamp_ns: int) -> None:
         """Note the stamp of the obstacles; in realtime they do not trigger a step."""
+        self.obstacles = stamp_ns
 
     def on_actuators(self, stamp_ns: int) -> None:
         """Note the stamp of the actuators."""
@@ -40,7 +43,6 @@ class LockstepTrigger(Trigger):
     """
 
     with_states = False
-    obstacles = None
 
     def on_state(self, stamp_ns: int) -> bool:
         """Note the stamp of a state; return whether the state is to be kept."""
@@ -48,10 +50,6 @@ class LockstepTrigger(Trigger):
             return False
         self.state = stamp_ns
         return True
-
-    def on_obstacles(self, stamp_ns: int) -> None:
-        """Note the stamp of the obstacles."""
-        self.obstacles = stamp_ns
 
     @property
     def needs_actuators(self) -> bool:
@@ -117,7 +115,11 @@ class RealtimeTrigger(Trigger):
 
     def due(self) -> Due:
         """Return what to do with the state kept last; to be called once per message."""
-        if self.state is None or self._lacks_actuators():
+        if self.state is None:
+            return NOTHING
+        # a first step takes actuators of about its time
+        known = self.actuators is not None and abs(self.state - self.actuators) <= self.step_ns
+        if not (self.begun or known):
             return NOTHING
         begun, self.begun = self.begun, True
         self.answered, self.state = self.state, None
@@ -140,12 +142,6 @@ class RealtimeTrigger(Trigger):
     def age_s(self, now_ns: int) -> float:
         """Return the age [s] of the state answered last."""
         return ns_to_s(now_ns - self.answered)
-
-    def _lacks_actuators(self):
-        """Return whether a first step lacks actuators of about its time."""
-        if self.begun:
-            return False
-        return self.actuators is None or abs(self.state - self.actuators) > self.step_ns
 
 
 def make(mode: str, step_s: float) -> LockstepTrigger | RealtimeTrigger:

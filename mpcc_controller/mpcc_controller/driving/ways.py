@@ -18,9 +18,8 @@ from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import arc, reference_path, road_edges
 from mpcc_controller.path.arc import Arc
 from mpcc_controller.problem import stage_parameters
-from mpcc_controller.problem.obstacle_motion import position, velocity
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle
 from mpcc_controller.problem.stage_parameters import Scene
-from msgs_yaml.types import Obstacle
 
 LEFT, RIGHT, BEHIND = 1, -1, 0  # BEHIND: not passed within the horizon
 OVERLAP_M = 0.1
@@ -38,7 +37,7 @@ Sides = dict[int, int]  # by the id of the obstacle
 class Hazard(NamedTuple):
     """A dangerous obstacle beside the path, as a car that takes up the desired speed meets it."""
 
-    obstacle: Obstacle
+    obstacle: PredictedObstacle
     enter: float  # s, from then on it is beside the car
     leave: float  # s, until then
     lowest: float  # m, left of the path, its centre meanwhile
@@ -56,6 +55,11 @@ class RoadAhead(NamedTuple):
     right: np.ndarray  # (N + 1,) m left of the path: how far right the road allows the CoG
     left: np.ndarray  # (N + 1,) m, how far left
     hazards: tuple[Hazard, ...]  # in the order in which the car meets them
+
+    @property
+    def obstacles(self) -> list[PredictedObstacle]:
+        """The dangerous obstacles, in the same order."""
+        return [hazard.obstacle for hazard in self.hazards]
 
 
 def road_ahead(
@@ -156,11 +160,10 @@ def side_combinations(
 ) -> list[tuple[Sides, Profile]]:
     """Return the ways around the hazards, those that take the least acceleration first.
 
-    Where no car fits between obstacles or beside the road there is
-    no way; obstacles beyond the first MOST_SIDES are left to the solver.
+    Where no car fits between obstacles or beside the road there is no way; obstacles beyond the
+    first MOST_SIDES are left to the solver.
     """
-    hazards, motion = around.hazards[:MOST_SIDES], lateral_motion(around, x0)
-    ways = []
+    hazards, ways = around.hazards[:MOST_SIDES], []
     for chosen in itertools.product((LEFT, RIGHT), repeat=len(hazards)):
         slots: list[Slot] = []
         for hazard, side in zip(hazards, chosen):
@@ -171,8 +174,14 @@ def side_combinations(
                 break
             slots.append(slot)
         else:
+            acceleration, t, (e, rate) = 0.0, 0.0, lateral_motion(around, x0)
+            for slot in slots:
+                T = max(slot.enter - t, LEAST_TIME_S)
+                needed = QUINTIC_PEAK * abs(slot.offset - e - rate * T / 2) / T**2
+                acceleration = max(acceleration, needed)
+                t, e, rate = slot.leave, slot.offset, 0.0
             least_cost = max(slot.least_cost for slot in slots)
-            shape = Profile(tuple(slots), _largest_acceleration(slots, *motion), least_cost)
+            shape = Profile(tuple(slots), acceleration, least_cost)
             ways.append(({h.obstacle.id: side for h, side in zip(hazards, chosen)}, shape))
     return sorted(ways, key=lambda way: way[1].acceleration)
 
@@ -220,16 +229,6 @@ def _overlap(before: Slot, after: Slot) -> tuple[Slot, Slot | None]:
     return before, after
 
 
-def _largest_acceleration(slots: Sequence[Slot], start: float, rate: float) -> float:
-    """Return the largest lateral acceleration [m/s^2] from the offset `start` through the slots."""
-    acceleration, t, e = 0.0, 0.0, start
-    for slot in slots:
-        T = max(slot.enter - t, LEAST_TIME_S)
-        acceleration = max(acceleration, QUINTIC_PEAK * abs(slot.offset - e - rate * T / 2) / T**2)
-        t, e, rate = slot.leave, slot.offset, 0.0
-    return acceleration
-
-
 def least_gaps(X: np.ndarray, scene: Scene, params: ControllerParams) -> np.ndarray:
     """Return the least V2O [m] to each obstacle (n,) along planned states (N + 1, 9)."""
     return np.min(_gaps(X, scene, params), axis=-1)
@@ -247,14 +246,14 @@ def contact_speed(X: np.ndarray, scene: Scene, params: ControllerParams) -> floa
         return 0.0
     stage = int(np.argmax(np.any(touches, axis=0)))
     x, obstacle = State(*X[stage]), scene.obstacles.items[int(np.argmax(touches[:, stage]))]
-    vX, vY = velocity(obstacle, stage * params.model.step_s)
+    vX, vY = obstacle.velocity(stage * params.model.step_s)
     vX = x.vx * math.cos(x.psi) - x.vy * math.sin(x.psi) - vX
     vY = x.vx * math.sin(x.psi) + x.vy * math.cos(x.psi) - vY
     return max(math.hypot(vX, vY), LEAST_CONTACT_MPS)
 
 
 def passed_sides(
-    X: np.ndarray, scene: Scene, obstacles: Sequence[Obstacle], params: ControllerParams
+    X: np.ndarray, scene: Scene, obstacles: Sequence[PredictedObstacle], params: ControllerParams
 ) -> Sides:
     """Return the side on which planned states (N + 1, 9) pass each obstacle, by its id.
 
@@ -313,12 +312,12 @@ def _gaps(X, scene, params) -> np.ndarray:
 
 
 @lru_cache(maxsize=16)
-def positions(obstacles: tuple[Obstacle, ...], count: int, dt: float):
+def positions(obstacles: tuple[PredictedObstacle, ...], count: int, dt: float):
     """Return X and Y (n, count) [m] of obstacles at the stages, not to be changed.
 
     A tick asks for those of the same obstacles ten times and more.
     """
     t = dt * np.arange(count)
-    X, Y = np.array([position(o, t) for o in obstacles]).transpose(1, 0, 2)
+    X, Y = np.array([o.position(t) for o in obstacles]).transpose(1, 0, 2)
     X.flags.writeable = Y.flags.writeable = False
     return X, Y

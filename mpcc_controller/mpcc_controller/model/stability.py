@@ -6,7 +6,7 @@ oscillation that grows: the prediction diverges where the car is stable. From wh
 not is a property of the car: it grows with cornering stiffness over mass.
 """
 
-from functools import cache
+from functools import cache, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -27,6 +27,7 @@ def growth(car: Car, dt: float, vx: float) -> float:
     return float(np.max(np.abs(np.linalg.eigvals(jacobian))))
 
 
+@lru_cache
 def least_stable_speed(car: Car, dt: float, least: float = LEAST_MPS) -> float:
     """Return the first speed [m/s] from `least` on at which a step of `dt` [s] is stable.
 
@@ -36,6 +37,7 @@ def least_stable_speed(car: Car, dt: float, least: float = LEAST_MPS) -> float:
     return next((round(float(v), 6) for v in speeds if growth(car, dt, v) < STABLE), np.inf)
 
 
+@lru_cache
 def least_kinematic_speed(car: Car, dt: float) -> float:
     """Return up to which speed [m/s] a car that drives at every speed has to be kinematic.
 

@@ -2,7 +2,22 @@
 
 from typing import Any, NamedTuple
 
-from mpcc_controller.model import elementary_functions as functions
+import casadi as ca
+import numpy as np
+
+
+def _both(symbolic, numeric):
+    """Return a function of numbers and arrays, and of CasADi expressions alike."""
+
+    def function(x):
+        return symbolic(x) if isinstance(x, ca.SX | ca.MX) else numeric(x)
+
+    return function
+
+
+sin = _both(ca.sin, np.sin)
+cos = _both(ca.cos, np.cos)
+sqrt = _both(ca.sqrt, np.sqrt)
 
 
 class Arc(NamedTuple):
@@ -34,17 +49,17 @@ def pose_at(arc: Arc, theta) -> Pose:
     half = arc.kappa * d / 2
     chord = d * (1 - half**2 / 6)
     return Pose(
-        X=arc.X + chord * functions.cos(arc.psi + half),
-        Y=arc.Y + chord * functions.sin(arc.psi + half),
+        X=arc.X + chord * cos(arc.psi + half),
+        Y=arc.Y + chord * sin(arc.psi + half),
         psi=arc.psi + 2 * half,
     )
 
 
 def contouring_error(pose: Pose, X, Y):
     """Return e_Con [m] of a point: positive to the left of the path (paper, section 3.1: right)."""
-    return functions.cos(pose.psi) * (Y - pose.Y) - functions.sin(pose.psi) * (X - pose.X)
+    return cos(pose.psi) * (Y - pose.Y) - sin(pose.psi) * (X - pose.X)
 
 
 def lag_error(pose: Pose, X, Y):
     """Return e_Lag [m] of a point (paper, section 3.1): positive behind the pose."""
-    return -functions.cos(pose.psi) * (X - pose.X) - functions.sin(pose.psi) * (Y - pose.Y)
+    return -cos(pose.psi) * (X - pose.X) - sin(pose.psi) * (Y - pose.Y)

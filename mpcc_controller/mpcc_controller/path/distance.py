@@ -5,7 +5,7 @@ Distances are Cartesian, between circles (paper, eq. 3), in metres; negative mea
 
 from typing import Any, NamedTuple
 
-from mpcc_controller.model import elementary_functions as functions
+from mpcc_controller.path.arc import cos, sin, sqrt
 
 # m^2; rounds the tip of the distance at an obstacle's centre, where it has no gradient
 CENTRE_ROUNDING = 1e-6
@@ -45,13 +45,13 @@ class Edges(NamedTuple):
 
 def circle(x, offset, radius) -> Circle:
     """Return the vehicle circle whose centre lies `offset` [m] ahead of the CoG."""
-    return Circle(x.X + offset * functions.cos(x.psi), x.Y + offset * functions.sin(x.psi), radius)
+    return Circle(x.X + offset * cos(x.psi), x.Y + offset * sin(x.psi), radius)
 
 
 def v2o(vehicle: Circle, obstacle: Disc):
     """Return D_V2O [m] (paper, eq. 3)."""
     dX, dY = vehicle.X - obstacle.X, vehicle.Y - obstacle.Y
-    return functions.sqrt(dX**2 + dY**2 + CENTRE_ROUNDING) - obstacle.r_obs - vehicle.r
+    return sqrt(dX**2 + dY**2 + CENTRE_ROUNDING) - obstacle.r_obs - vehicle.r
 
 
 def lateral_offset(vehicle: Circle, edge: Edge):
@@ -61,7 +61,7 @@ def lateral_offset(vehicle: Circle, edge: Edge):
     point and a distance d across it: 2 mm for s = 1 m and d = 4 m on a radius of 30 m.
     """
     dX, dY = vehicle.X - edge.X, vehicle.Y - edge.Y
-    cos_psi, sin_psi = functions.cos(edge.psi), functions.sin(edge.psi)
+    cos_psi, sin_psi = cos(edge.psi), sin(edge.psi)
     along = cos_psi * dX + sin_psi * dY
     return cos_psi * dY - sin_psi * dX - edge.kappa * along**2 / 2
 

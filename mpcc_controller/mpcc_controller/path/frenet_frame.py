@@ -14,9 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mpcc_controller.model import elementary_functions as functions
 from mpcc_controller.path import arc, compiled_queries, reference_path, road_edges
-from mpcc_controller.path.arc import Arc, Pose
+from mpcc_controller.path.arc import Arc, Pose, cos, sin, sqrt
 from mpcc_controller.path.distance import CENTRE_ROUNDING, Disc, Edges
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.path.road_edges import Road
@@ -60,8 +59,8 @@ def rates(e, dpsi, kappa, vx, vy, r) -> FrenetRates:
 
     They are singular at the centre of the curvature, where 1 = kappa e.
     """
-    s_rate = (vx * functions.cos(dpsi) - vy * functions.sin(dpsi)) / (1 - kappa * e)
-    e_rate = vx * functions.sin(dpsi) + vy * functions.cos(dpsi)
+    s_rate = (vx * cos(dpsi) - vy * sin(dpsi)) / (1 - kappa * e)
+    e_rate = vx * sin(dpsi) + vy * cos(dpsi)
     return FrenetRates(s_rate, e_rate, r - kappa * s_rate)
 
 
@@ -77,7 +76,7 @@ def to_frenet_on_arc(piece: Arc, X, Y) -> FrenetPoint:
     ahead, left = -arc.lag_error(pose, X, Y), arc.contouring_error(pose, X, Y)
     shrink = 1 - piece.kappa * left
     turn = piece.kappa * ahead / shrink
-    reach = functions.sqrt(shrink**2 + (piece.kappa * ahead) ** 2)
+    reach = sqrt(shrink**2 + (piece.kappa * ahead) ** 2)
     return FrenetPoint(
         s=piece.theta + ahead / shrink * (1 - turn**2 / 3 + turn**4 / 5),
         e=(2 * left - piece.kappa * (left**2 + ahead**2)) / (1 + reach),
@@ -129,7 +128,7 @@ def offset_left(pose: Pose, e) -> Pose:
 def v2o(point: FrenetPoint, radius, obstacle: FrenetDisc):
     """Return the distance [m] of a vehicle circle at `point` to an obstacle."""
     ds, de = point.s - obstacle.s, point.e - obstacle.e
-    return functions.sqrt(ds**2 + de**2 + CENTRE_ROUNDING) - obstacle.r_obs - radius
+    return sqrt(ds**2 + de**2 + CENTRE_ROUNDING) - obstacle.r_obs - radius
 
 
 def edge_offset(edge: FrenetEdge, s):

@@ -134,8 +134,3 @@ def _wrap(angle):
 def _require(valid, message):
     if not np.all(valid):
         raise PathError(f'pose {int(np.argmin(valid))}: {message}')
-
-
-def is_equal(path: ReferencePath, other: ReferencePath) -> bool:
-    """Return whether two paths are equal in every number."""
-    return np.array_equal(path.table, other.table)

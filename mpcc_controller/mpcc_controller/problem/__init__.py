@@ -1,18 +1,13 @@
 """The optimal control problems.
 
 formulation             the interface of a formulation, and the list of them
-mpcc_formulation        the paper's MPCC
+mpcc_formulation        the paper's MPCC, and trajectory tracking
 frenet_formulation      the baseline, in path coordinates
-tracking_formulation    trajectory tracking
-cost_terms              the one list of cost terms, with their weights
-cost_term_check         refuses terms that contradict each other or the parameters
-ocp                     constraints, and the stage problem of a formulation
-priorities              weight of a distance: Gaussian, or a step at contact
+cost_terms              the one list of cost terms, with their weights and what is refused
+ocp                     constraints, the stage problem of a formulation, evaluation of plans
 stage_parameters        path, road, obstacles and parameters as numbers per stage
 obstacle_motion         obstacles over the horizon: on a line, at constant speed or braking
-road_following          the line of obstacles that move along the road
 distance_frame          where distances are measured: Cartesian or path coordinates
 bounds                  limits of actuators, speed and friction
 problem_check           refuses functions that are not finite where the car may be
-plan_evaluator          cost by term, distances and friction use of a plan
 """

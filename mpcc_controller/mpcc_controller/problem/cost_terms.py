@@ -11,13 +11,24 @@ problem at all: it costs no computing time, and the others are evaluated as befo
 
 from collections import namedtuple
 from collections.abc import Callable, Sequence
+from keyword import iskeyword
 from typing import Any, NamedTuple
 
 import casadi as ca
+import numpy as np
 
 from mpcc_controller.model import single_track
 from mpcc_controller.parameters import FIXED, ControllerParams
-from mpcc_controller.problem import cost_term_check, priorities
+from msgs_yaml.strict_yaml import closest
+from node_runtime import parameters
+from node_runtime.parameters import ParameterError
+
+PRIORITY = 'priorities.'
+GROUPS = ('tolerances.', PRIORITY)  # of the parameters of weights
+
+
+class CostTermError(ParameterError):
+    """A cost term cannot be used; the text names it and says how to mend it."""
 
 
 class StageQuantities(NamedTuple):
@@ -52,6 +63,36 @@ class CostTerm(NamedTuple):
         return f"cost term '{self.name}' ({self.parameter})"
 
 
+# m; the step of the baseline's priority changes by 80 % within 2.2 of these, 4 cm: a solver that
+# uses derivatives needs a continuous cost at contact
+STEP_BLEND = 0.02
+
+
+def gaussian_priority(D, D_sft):
+    """Return q / P_k (paper 3.3): 1 in contact, Gaussian within the safety distance, 0 beyond."""
+    gauss = ca.exp(-2 * ca.fmax(D, 0) ** 2 / D_sft**2)
+    return ca.if_else(D_sft >= D, gauss, 0)
+
+
+def step_priority(D, D_sft):
+    """Return q / P_k of the baseline: 1 within the safety distance, 2 in contact, 0 beyond.
+
+    Brown & Gerdes' published code doubles the cost of an intrusion at contact; the step is blended
+    there by a tanh of `STEP_BLEND`. P_k is the weight before contact.
+    """
+    doubled = (3 - ca.tanh(D / STEP_BLEND)) / 2
+    return ca.if_else(D_sft >= D, doubled, 0)
+
+
+def intrusion(D, D_sft, priority=gaussian_priority):
+    """Return the squared error of a distance times q / P_k [m^2] (paper, section 3.3)."""
+    return priority(D, D_sft) * (D - D_sft) ** 2
+
+
+# by the value of the parameter formulation.priority
+PRIORITIES = {'gaussian': gaussian_priority, 'step': step_priority}
+
+
 def periodic_square(angle):
     """Return about angle^2 [rad^2], equal for whole turns more or less.
 
@@ -63,7 +104,7 @@ def periodic_square(angle):
 
 def intrusions(distances, D_sft, priority):
     """Return the sum of the squared errors of distances within D_sft (paper, section 3.3)."""
-    return sum(priorities.intrusion(D, D_sft, priority) for circles in distances for D in circles)
+    return sum(intrusion(D, D_sft, priority) for circles in distances for D in circles)
 
 
 def excess(value, limit):
@@ -78,22 +119,9 @@ def _front_slip_excess(q: StageQuantities):
     return excess(alpha, q.p.envelope.front_slip * single_track.sliding_slips(q.p.car).f)
 
 
-def _rear_slip_excess(q: StageQuantities):
-    alpha = ca.atan(single_track.slips(q.x, q.p.car).r)
-    return excess(alpha, q.p.envelope.rear_slip * single_track.sliding_slips(q.p.car).r)
-
-
-def _yaw_rate_excess(q: StageQuantities):
-    return excess(q.x.r, q.p.envelope.yaw_rate * single_track.greatest_yaw_rate(q.x, q.p.car))
-
-
 def _soft_limit(name, parameter, excess_of):
     """Return the term of an excess over the share `name` of `parameters.Envelope`."""
     return CostTerm(name, parameter, lambda q: excess_of(q) ** 2, optional=True, limit=name)
-
-
-def _brake_split_error(q: StageQuantities):
-    return (q.u.lambda_b - single_track.ideal_split(q.x.Fx, q.p.car)) ** 2
 
 
 VELOCITY = CostTerm('vel', 'tolerances.velocity_mps', lambda q: (q.x.vx - q.p.v_ref) ** 2)
@@ -106,8 +134,21 @@ DISTANCES = (
 # driving envelopes for path tracking in autonomous vehicles", CEP 2017
 ENVELOPE = (
     _soft_limit('front_slip', 'tolerances.front_slip_excess_rad', _front_slip_excess),
-    _soft_limit('rear_slip', 'tolerances.rear_slip_excess_rad', _rear_slip_excess),
-    _soft_limit('yaw_rate', 'tolerances.yaw_rate_excess_radps', _yaw_rate_excess),
+    _soft_limit(
+        'rear_slip',
+        'tolerances.rear_slip_excess_rad',
+        lambda q: excess(
+            ca.atan(single_track.slips(q.x, q.p.car).r),
+            q.p.envelope.rear_slip * single_track.sliding_slips(q.p.car).r,
+        ),
+    ),
+    _soft_limit(
+        'yaw_rate',
+        'tolerances.yaw_rate_excess_radps',
+        lambda q: excess(
+            q.x.r, q.p.envelope.yaw_rate * single_track.greatest_yaw_rate(q.x, q.p.car)
+        ),
+    ),
 )
 INPUTS = (
     CostTerm('d_delta', 'tolerances.steer_rate_radps', lambda q: q.u.d_delta**2, uses_input=True),
@@ -115,7 +156,7 @@ INPUTS = (
     CostTerm(
         'lambda_b',
         'tolerances.brake_split',
-        _brake_split_error,
+        lambda q: (q.u.lambda_b - single_track.ideal_split(q.x.Fx, q.p.car)) ** 2,
         uses_input=True,
         absent_with=('brake_split', FIXED),
     ),
@@ -169,9 +210,6 @@ TUNED = (
     'priorities.edge',
 )
 
-# without the optional terms, for problems without parameters
-PAPER = tuple(term for term in MPCC if not term.optional)
-
 
 def in_use(terms: Sequence[CostTerm], params: ControllerParams) -> tuple[CostTerm, ...]:
     """Return the terms of the problem: their parameter is given, optional ones are on.
@@ -179,7 +217,7 @@ def in_use(terms: Sequence[CostTerm], params: ControllerParams) -> tuple[CostTer
     A fixed brake split has no cost: it could only change the force. Raises CostTermError for terms
     that contradict each other or the parameters, and for a parameter that no term uses.
     """
-    cost_term_check.check_list(terms, params)
+    _check_list(terms, params)
 
     def is_in_use(term):
         off = term.optional and not is_on(term, params)
@@ -189,6 +227,56 @@ def in_use(terms: Sequence[CostTerm], params: ControllerParams) -> tuple[CostTer
         return not off and _parameter(term, params) is not None
 
     return tuple(term for term in terms if is_in_use(term))
+
+
+def _check_list(terms: Sequence[CostTerm], params: ControllerParams) -> None:
+    """Raise CostTermError for what is wrong with terms of a formulation and their weights.
+
+    Two of one name, a parameter that does not exist or gives no weight, and an optional parameter
+    that is given but that no term uses.
+    """
+    seen: dict[str, Any] = {}
+    known = parameters.flatten(params)
+    weights_of = [name for name in known if name.startswith(GROUPS)]
+    for term in terms:
+        if not term.name.isidentifier() or term.name.startswith('_') or iskeyword(term.name):
+            raise CostTermError(
+                f'{term.title}: its name must be a Python identifier that does not begin with _'
+            )
+        other = seen.setdefault(term.name, term)
+        if other is not term:
+            raise CostTermError(
+                f'{term.title}: {other.title} has the same name; columns, weights and reports go '
+                'by it, so give it another one'
+            )
+        if term.parameter not in weights_of:
+            hint = closest(term.parameter, weights_of)
+            raise CostTermError(
+                f'{term.title}: there is no such parameter{hint}; its weight needs one of '
+                '`Tolerances` or `Priorities` in parameters.py'
+            )
+        for group, name in (('formulation', term.switch), ('envelope', term.limit)):
+            if name and f'{group}.{name}' not in known:
+                raise CostTermError(f"{term.title}: there is no parameter '{group}.{name}'")
+        value = known[term.parameter]
+        if value is None:
+            continue
+        if term.parameter.startswith(PRIORITY):
+            if not 0 <= value < np.inf:
+                raise CostTermError(f'{term.title}: its weight is {value:g}; allowed from 0')
+        elif not value > 0:
+            raise CostTermError(
+                f'{term.title}: its tolerance is {value:g}; allowed above 0: weight = 1/tolerance^2'
+            )
+    used = {term.parameter for term in terms}
+    leaves = parameters.leaves(ControllerParams)
+    for name in weights_of:
+        if leaves[name].optional and known[name] is not None and name not in used:
+            raise CostTermError(
+                f'{name}: is {known[name]:g}, but no cost term of the formulation '
+                f'{params.formulation.name} uses it: put its CostTerm into INPUTS, MPCC or FRENET '
+                'of problem/cost_terms.py, or leave the parameter out'
+            )
 
 
 def weights_type(terms: Sequence[CostTerm]) -> type:
@@ -218,9 +306,27 @@ def squared_errors(terms: Sequence[CostTerm], quantities: StageQuantities) -> di
 
     Raises CostTermError for what is not one number.
     """
-    has_input = quantities.u is not None
-    used = (t for t in terms if has_input or not t.uses_input)
-    return {t.name: cost_term_check.squared_error(t, quantities) for t in used}
+    errors = {}
+    for term in terms:
+        if quantities.u is None and term.uses_input:
+            continue
+        try:
+            errors[term.name] = error = term.squared_error(quantities)
+        except Exception as fault:
+            raise CostTermError(f'{term.title}: {_explain(fault, quantities)}') from fault
+        if isinstance(error, ca.SX | ca.MX | ca.DM):
+            size = f'{error.size1()} x {error.size2()} numbers' if error.numel() != 1 else ''
+        else:
+            is_number = np.asarray(error).dtype.kind in 'fiu' and not isinstance(
+                error, list | tuple
+            )
+            size = '' if is_number else f'of type {type(error).__name__}'
+        if size:
+            raise CostTermError(
+                f'{term.title}: its squared error is {size}; it must be one number: '
+                'add the squares of several errors'
+            )
+    return errors
 
 
 def costs(errors: dict[str, Any], weights) -> dict[str, Any]:
@@ -242,4 +348,22 @@ def _weight(term, params):
     if not is_on(term, params):
         return 0.0
     value = _parameter(term, params)
-    return value if term.parameter.startswith(cost_term_check.PRIORITIES) else value**-2
+    return value if term.parameter.startswith(PRIORITY) else value**-2
+
+
+def _explain(fault, quantities):
+    """Return what an exception in a squared error means."""
+    missing, owner = getattr(fault, 'name', None), getattr(fault, 'obj', None)
+    if isinstance(fault, AttributeError) and owner is None and quantities.u is None:
+        return (
+            f'it uses the input (q.u.{missing}), which the last stage does not have; '
+            'say uses_input=True'
+        )
+    if isinstance(fault, AttributeError) and hasattr(owner, '_fields'):
+        known = owner._fields
+        return f'there is no {missing!r}{closest(missing, known)}; there are {", ".join(known)}'
+    hint = ''
+    if 'Cannot compute the truth value' in str(fault) or '__bool__' in str(fault):
+        hint = '; a term is an expression, use ca.if_else in place of if, and, or and max'
+    lines = str(fault).strip().splitlines()
+    return ': '.join([type(fault).__name__, *lines[-1:]]) + hint

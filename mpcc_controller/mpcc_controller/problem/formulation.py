@@ -4,16 +4,20 @@ Outside a formulation a plan is in the map: its states are `single_track.State`,
 distance along the path. Inside it is in the states of the problem that is solved ("local").
 """
 
+from collections.abc import Sequence
 from pkgutil import resolve_name
 from typing import Any, ClassVar
 
 import numpy as np
 
+from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car
 from mpcc_controller.parameters import FORMULATIONS, INTEGRATED, PROJECTED, ControllerParams
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import cost_terms, stage_parameters
-from mpcc_controller.problem.ocp import Rules, SafetyDistance, SymbolicOcp
+from mpcc_controller.problem.cost_terms import CostTerm
+from mpcc_controller.problem.distance_frame import DistanceFrame
+from mpcc_controller.problem.ocp import Rules, SafetyDistance, SymbolicOcp, VehicleCircles
 from mpcc_controller.problem.stage_parameters import CONSTANTS, Scene, StageParameters
 from node_runtime.parameters import ParameterError
 from stage_solver.stage_problem import Plan
@@ -30,22 +34,27 @@ class Formulation:
     has_lag: ClassVar[bool]  # whether formulation.lag may be true
     integrates_theta: ClassVar[bool]  # whether model.theta may be integrated
     has_track_centre: ClassVar[bool]  # whether the track is arcs around the centre of the road
+    terms: ClassVar[Sequence[CostTerm]]
     ocp: SymbolicOcp
 
-    def __init__(self, params: ControllerParams, car: Car, rules: Rules):
-        self.car, self.rules = car, rules
+    def __init__(self, params: ControllerParams, car: Car, frame: DistanceFrame):
+        priority = cost_terms.PRIORITIES[params.formulation.priority]
+        terms = cost_terms.in_use(self.terms, params)
+        self.car = car
+        self.rules = Rules(frame, priority, terms, single_track.structure(car))
         # of vehicle circles and of obstacles in the problem
         self.size = len(params.body.circle_offsets_m), params.surroundings.max_obstacles
         self.set_params(params)
 
     def set_params(self, params: ControllerParams) -> None:
         """Take other weights and limits into the parameters of the stages."""
-        self.params, terms = params, self.rules.terms
+        self.params, terms, body = params, self.rules.terms, params.body
+        at_edges = body.circle_radius_m if body.edge_radius_m is None else body.edge_radius_m
         values = (
             self.car,
             cost_terms.weights(terms, params),
             SafetyDistance(params.safety.obstacle_m, params.safety.edge_m),
-            stage_parameters.vehicle_circles(params.body),
+            VehicleCircles(body.circle_radius_m, tuple(body.circle_offsets_m), at_edges),
             cost_terms.limits(terms, params),
             params.limits.least_speed_mps,
         )

@@ -19,7 +19,7 @@ from mpcc_controller.path.arc import Arc
 from mpcc_controller.path.distance import Edges
 from mpcc_controller.path.frenet_frame import FrenetPoint
 from mpcc_controller.path.reference_path import ReferencePath
-from mpcc_controller.problem import cost_terms, ocp, priorities, stage_parameters
+from mpcc_controller.problem import cost_terms, ocp, stage_parameters
 from mpcc_controller.problem.cost_terms import StageQuantities
 from mpcc_controller.problem.distance_frame import FRENET
 from mpcc_controller.problem.formulation import Formulation
@@ -149,11 +149,10 @@ class FrenetFormulation(Formulation):
     has_lag = False
     integrates_theta = False
     has_track_centre = False
+    terms = cost_terms.FRENET
 
     def __init__(self, params: ControllerParams, car: Car):
-        priority = priorities.PRIORITIES[params.formulation.priority]
-        terms = cost_terms.in_use(cost_terms.FRENET, params)
-        super().__init__(params, car, Rules(FRENET, priority, terms, single_track.structure(car)))
+        super().__init__(params, car, FRENET)
         self.ocp = symbolic_ocp(*self.size, self.rules)
 
     def stage_parameters(

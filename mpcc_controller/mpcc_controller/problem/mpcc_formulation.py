@@ -1,5 +1,7 @@
 """The paper's MPCC: states in the map, contouring and lag errors, Cartesian distances. SI units.
 
+And trajectory tracking, which differs from it in the reference only.
+
 Everything that may change while driving is a number in `Stage`; the graph is built once.
 """
 
@@ -14,11 +16,11 @@ from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import arc, distance, reference_path, road_edges
-from mpcc_controller.path.arc import Arc
+from mpcc_controller.path.arc import Arc, Pose
 from mpcc_controller.path.reference_path import ReferencePath
-from mpcc_controller.problem import cost_terms, ocp, priorities, stage_parameters
+from mpcc_controller.problem import cost_terms, ocp, stage_parameters
 from mpcc_controller.problem.cost_terms import CostTerm, StageQuantities
-from mpcc_controller.problem.distance_frame import CARTESIAN, FRAMES
+from mpcc_controller.problem.distance_frame import FRAMES
 from mpcc_controller.problem.formulation import Formulation
 from mpcc_controller.problem.ocp import (
     Constraints,
@@ -80,14 +82,9 @@ def constraints(x: State, u: Input, p: Stage) -> Constraints:
 
 @cache
 def symbolic_ocp(
-    circles: int,
-    obstacles: int,
-    rules: Rules | None = None,
-    name: str = 'mpcc',
-    quantities: Callable = quantities,
+    circles: int, obstacles: int, rules: Rules, name: str, quantities: Callable
 ) -> SymbolicOcp:
     """Return the formulation for vehicle circles and obstacles of the given numbers."""
-    rules = rules or Rules(CARTESIAN, priorities.gaussian_priority, cost_terms.PAPER)
     template = Stage(
         **ocp.common_template(circles, rules),
         path=Arc(*Arc._fields),
@@ -121,15 +118,8 @@ class MpccFormulation(Formulation):
     quantities = staticmethod(quantities)
 
     def __init__(self, params: ControllerParams, car: Car):
-        options = params.formulation
-        rules = Rules(
-            FRAMES[options.distance],
-            priorities.PRIORITIES[options.priority],
-            cost_terms.in_use(self.terms, params),
-            single_track.structure(car),
-        )
-        super().__init__(params, car, rules)
-        self.ocp = symbolic_ocp(*self.size, rules, options.name, self.quantities)
+        super().__init__(params, car, FRAMES[params.formulation.distance])
+        self.ocp = symbolic_ocp(*self.size, self.rules, params.formulation.name, self.quantities)
 
     def stage_parameters(
         self, scene: Scene, guess: np.ndarray, car: Car | None = None
@@ -166,3 +156,33 @@ class MpccFormulation(Formulation):
     def reference(self, path: ReferencePath, x: State) -> tuple[Arc, np.ndarray]:
         """Return the arcs of the path and the desired speeds [m/s] of the guessed states `x`."""
         return reference_path.arcs_at(path, x.theta)
+
+
+def tracking_quantities(x: State, u: Input | None, p: Stage, rules: Rules) -> StageQuantities:
+    """Return what the squared errors are computed from; errors are those to the moving point."""
+    pose = Pose(p.path.X, p.path.Y, p.path.psi)
+    errors = TrackingErrors(arc.contouring_error(pose, x.X, x.Y), arc.lag_error(pose, x.X, x.Y))
+    moving = quantities(x, u, p, rules)
+    return moving._replace(tracking=errors, heading_error=x.psi - pose.psi)
+
+
+class TrackingFormulation(MpccFormulation):
+    """Trajectory tracking: follow a point that moves along the path at the desired speed.
+
+    The MPCC chooses its progress along the path; here the reference of each stage is fixed in time,
+    as in common tracking MPC. States, prediction model, distances and limits are those of the MPCC.
+    """
+
+    integrates_theta = False
+    quantities = staticmethod(tracking_quantities)
+
+    def reference(self, path: ReferencePath, x: State) -> tuple[Arc, np.ndarray]:
+        """Return the arcs and the desired speeds [m/s] where the reference is at each stage.
+
+        It starts at the point of the path closest to the car and moves at the desired speed.
+        """
+        theta = np.array(x.theta)
+        for k in range(1, len(theta)):
+            _, v = reference_path.arcs_at(path, theta[k - 1 : k])
+            theta[k] = theta[k - 1] + self.params.model.step_s * v[0]
+        return reference_path.arcs_at(path, theta)

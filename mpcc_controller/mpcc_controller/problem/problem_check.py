@@ -5,7 +5,7 @@ at some hundred states: on the path and around it, at the limits, and at rest, w
 norm of an error has no derivative. What is not finite there would stop solves while the car drives.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -17,11 +17,12 @@ from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import reference_path, road_edges
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import ocp
-from mpcc_controller.problem.cost_term_check import CostTermError
+from mpcc_controller.problem.cost_terms import CostTermError
 from mpcc_controller.problem.formulation import Formulation
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle
 from mpcc_controller.problem.ocp import SymbolicOcp
 from mpcc_controller.problem.stage_parameters import Scene
-from msgs_yaml.types import Obstacle, Obstacles, Reference, RoadEdges
+from msgs_yaml.types import Obstacles, Reference, RoadEdges
 from node_runtime import named_vector
 from node_runtime.parameters import ParameterError
 from stage_solver.stage_problem import MAX_CACHED_PROBLEMS, Plan
@@ -34,7 +35,7 @@ DESIRED_MPS, GREATEST_MPS = 20.0, 60.0
 # the path: straight, then a bend to the left
 REST_AT_M, BEND_AT_M, LENGTH_M, CURVATURE_1PM = 10.0, 30.0, 120.0, 0.02
 HALF_WIDTH_M = 4.0
-OBSTACLE = Obstacle(1, 40.0, 2.0, 0.8, 2.0, 0.5)
+OBSTACLE = PredictedObstacle(1, 40.0, 2.0, 0.8, 2.0, 0.5)
 ROUNDING = 1e-9  # by which a squared error may be below 0
 SHOWN = 5  # quantities in a message
 
@@ -111,12 +112,20 @@ def _derivatives(symbolic: SymbolicOcp, has_input: bool) -> tuple[list[_Function
     titles = {term.name: term.title for term in symbolic.terms}
     errors = symbolic.errors(x, u if has_input else None, p)
     expressions = [(titles[name], True, error) for name, error in errors.items()]
-    if has_input:
-        for name, rate in _built('state equations', symbolic.rates, x, u, p).items():
-            expressions.append((f"the rate of the state '{name}'", False, rate))
-        for name, values in _built('constraints', symbolic.constraints, x, u, p).items():
-            for value in named_vector.leaves((values,)):
-                expressions.append((f"the constraint '{name}'", False, value))
+    parts = {
+        'state equations': ("the rate of the state '{}'", symbolic.rates),
+        'constraints': ("the constraint '{}'", symbolic.constraints),
+    }
+    for what, (title, build) in parts.items() if has_input else ():
+        try:
+            built = build(x, u, p)._asdict()
+        except Exception as error:
+            raise ParameterError(
+                f'the {what} cannot be built: {type(error).__name__}: {error}'
+            ) from error
+        for name, values in built.items():
+            leaves = named_vector.leaves((values,))
+            expressions += [(title.format(name), False, value) for value in leaves]
     functions, tables = [], ([], [], [])
     for name, is_cost, expression in expressions:
         expression = ca.SX(expression)
@@ -127,15 +136,6 @@ def _derivatives(symbolic: SymbolicOcp, has_input: bool) -> tuple[list[_Function
         depends = ca.which_depends(expression, variables, 1, False)
         functions.append(_Function(name, is_cost, depends))
     return functions, ca.Function('check', [xs, us, ps], [ca.vertcat(*rows) for rows in tables])
-
-
-def _built(what, build: Callable, x, u, p) -> dict[str, Any]:
-    try:
-        return build(x, u, p)._asdict()
-    except Exception as error:
-        raise ParameterError(
-            f'the {what} cannot be built: {type(error).__name__}: {error}'
-        ) from error
 
 
 @lru_cache(1)

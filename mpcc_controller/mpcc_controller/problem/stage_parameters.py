@@ -3,23 +3,21 @@
 Shared by all formulations. The names of the YAML files end here; SI units and symbols from here on.
 """
 
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from mpcc_controller.model import stability
 from mpcc_controller.model.single_track import BLEND_FROM_MPS, Car, State
-from mpcc_controller.parameters import Body, CarParams, ControllerParams
+from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.path import distance
 from mpcc_controller.path.distance import Disc
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.path.road_edges import Road
 from mpcc_controller.problem.distance_frame import DistanceFrame
-from mpcc_controller.problem.obstacle_motion import moved, position
-from mpcc_controller.problem.ocp import SafetyDistance, VehicleCircles
-from msgs_yaml.conversions import ns_to_s
-from msgs_yaml.types import Obstacle, Obstacles
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle
+from mpcc_controller.problem.ocp import SafetyDistance
+from msgs_yaml.types import Obstacles
 from node_runtime import named_vector
 from node_runtime.parameters import ParameterError
 
@@ -40,7 +38,9 @@ class StageParameters(NamedTuple):
 
     stages: Any  # the parameters of a stage as the formulation names them, each leaf (N + 1,)
     P: np.ndarray  # (N + 1, np), the same as a matrix
-    obstacles: tuple[Obstacle, ...]  # those in the problem, in the order of `stages.obstacles`
+    obstacles: tuple[
+        PredictedObstacle, ...
+    ]  # those in the problem, in the order of `stages.obstacles`
 
 
 def car(params: ControllerParams, vehicle: CarParams) -> Car:
@@ -80,11 +80,9 @@ def car(params: ControllerParams, vehicle: CarParams) -> Car:
                     f'actuators.{name}_s; allowed with a file of `identify` that has it'
                 )
         car = car._replace(**lags)
-    return _with_stable_blend(car, params.model.step_s) if params.model.low_speed else car
-
-
-@lru_cache
-def _with_stable_blend(car, dt):
+    if not params.model.low_speed:
+        return car
+    dt = params.model.step_s
     kinematic = stability.least_kinematic_speed(car._replace(kinematic_below=BLEND_FROM_MPS), dt)
     if not np.isfinite(kinematic):
         raise ParameterError(
@@ -92,18 +90,6 @@ def _with_stable_blend(car, dt):
             'car of car_file; allowed shorter steps'
         )
     return car._replace(kinematic_below=kinematic)
-
-
-def with_friction(car: Car, friction: float, params: ControllerParams) -> Car:
-    """Return a car of `params.model.friction` on a road of another friction."""
-    share = friction / params.model.friction
-    return car._replace(mu_f=share * car.mu_f, mu_r=share * car.mu_r)
-
-
-def vehicle_circles(body: Body) -> VehicleCircles:
-    """Return the circles of the parameters; those without a radius at edges keep their own."""
-    at_edges = body.circle_radius_m if body.edge_radius_m is None else body.edge_radius_m
-    return VehicleCircles(body.circle_radius_m, tuple(body.circle_offsets_m), at_edges)
 
 
 def constant_numbers(stages) -> np.ndarray:
@@ -119,13 +105,13 @@ def obstacle_slots(params: ControllerParams, frame: DistanceFrame, scene: Scene,
     """
     t = params.model.step_s * np.arange(len(x.X))
     chosen = closest_obstacles(params, scene.obstacles, x, t)
-    discs = (Disc(*position(o, t), grown_radius(params, o, t)) for o in chosen)
+    discs = (Disc(*o.position(t), grown_radius(params, o, t)) for o in chosen)
     slots = tuple(frame.obstacle(scene.path, disc, x) for disc in discs)
     empty = params.surroundings.max_obstacles - len(slots)
     return slots + (frame.empty_slot(x),) * empty, chosen
 
 
-def grown_radius(params: ControllerParams, obstacle: Obstacle, t: np.ndarray):
+def grown_radius(params: ControllerParams, obstacle: PredictedObstacle, t: np.ndarray):
     """Return the radius [m] that an obstacle has in the problem at the times `t` [s] from now.
 
     That of an obstacle that moves grows by `safety.growth_mps`: the longer the prediction, the
@@ -137,7 +123,10 @@ def grown_radius(params: ControllerParams, obstacle: Obstacle, t: np.ndarray):
 
 
 def to_matrix(
-    stages, obstacles: tuple[Obstacle, ...], count: int, constants: np.ndarray | None = None
+    stages,
+    obstacles: tuple[PredictedObstacle, ...],
+    count: int,
+    constants: np.ndarray | None = None,
 ) -> StageParameters:
     """Return the parameters of `count` stages, also as a matrix.
 
@@ -157,20 +146,11 @@ def to_matrix(
     return StageParameters(stages, P, obstacles)
 
 
-def scene_at(scene: Scene, stamp_ns: int) -> Scene:
-    """Return the scene with its obstacles at `stamp_ns`, moved as they are expected to move."""
-    if scene.obstacles is None:
-        return scene
-    t = ns_to_s(stamp_ns - scene.obstacles.stamp_ns)
-    items = (moved(o, t) for o in scene.obstacles.items)
-    return scene._replace(obstacles=Obstacles(stamp_ns, tuple(items)))
-
-
-def closest_obstacles(params, obstacles: Obstacles, x: State, t) -> tuple[Obstacle, ...]:
+def closest_obstacles(params, obstacles: Obstacles, x: State, t) -> tuple[PredictedObstacle, ...]:
     """Return the obstacles that the states `x` at the times `t` come closest to, ordered by id."""
 
     def smallest_distance(obstacle):
-        disc = Disc(*position(obstacle, t), obstacle.r_obs)
+        disc = Disc(*obstacle.position(t), obstacle.r_obs)
         return min(
             np.min(distance.v2o(distance.circle(x, offset, params.body.circle_radius_m), disc))
             for offset in params.body.circle_offsets_m
@@ -180,9 +160,3 @@ def closest_obstacles(params, obstacles: Obstacles, x: State, t) -> tuple[Obstac
     if len(closest) > count:
         closest = sorted(closest, key=smallest_distance)[:count]
     return tuple(sorted(closest, key=lambda o: o.id))
-
-
-def closest_to_state(params, scene: Scene, x: State) -> tuple[Obstacle, ...]:
-    """Return the obstacles closest to one state, ordered by id."""
-    states = State(*(np.array([value]) for value in x))
-    return closest_obstacles(params, scene.obstacles, states, np.zeros(1))

@@ -172,9 +172,9 @@ def test_the_lookahead_point_is_taken_from_the_plan_else_from_the_path(params, w
         (braking.PLAN, 2.0, (plan, path, 10.0)),
         (braking.PATH, 0.0, (None, path, 10.0)),
     ):
-        lookahead = braking.lookahead_point(x, *arguments, rules)
-        assert lookahead.line == line
-        assert lookahead.point == pytest.approx((10.0 + preview, Y))
+        taken, point = braking.lookahead_point(x, *arguments, rules)
+        assert taken == line
+        assert point == pytest.approx((10.0 + preview, Y))
     assert braking.lookahead_point(x, None, None, None, rules) == (braking.NONE, None)
     unknown = x._replace(X=np.nan)
     assert braking.lookahead_point(unknown, None, path, 0.0, rules) == (braking.NONE, None)

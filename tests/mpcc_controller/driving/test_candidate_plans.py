@@ -3,12 +3,11 @@
 import dataclasses
 import threading
 import time
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from mpcc_controller.driving import choose, path_progress, planner
+from mpcc_controller.driving import choose, guesses, path_progress, planner
 from mpcc_controller.driving.choose import BRAKE, Candidacy, Candidate, Choice, Outcome
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.fallback import BRAKING, SHIFTED
@@ -275,16 +274,6 @@ def test_a_car_brakes_to_a_stop_where_every_plan_leads_through_the_obstacles(con
     assert 'plan_touches' in {why.values['reason'] for why in run.whys}
 
 
-def test_a_car_too_near_to_a_closed_road_brakes_and_does_not_drive_on_through_it(controller, world):
-    """The circles touch however hard the car brakes."""
-    pop_up(controller, *wall(24.0))
-    drive = world.drive(controller, 15)
-    assert all(why.values['reason'] == 'plan_touches' for why in drive.whys)
-    forces = [command.Fxf + command.Fxr for command in drive.commands]
-    assert all(later <= earlier for earlier, later in pairwise(forces))
-    assert forces[-1] < -12e3
-
-
 def watch_proposals(monkeypatch, note):
     """Call `note` with what is known before a proposal, and what it returns."""
     propose = choose.propose
@@ -349,15 +338,6 @@ def test_braking_drops_kept_plans_and_guesses_that_were_put_off(explorer, world)
     assert decision.level == BRAKING
     assert braked.candidacy == Candidacy()
     assert planner.explore(braked, explorer.parts) is braked
-
-
-def test_a_solver_that_fails_after_the_command_costs_the_guess_only(explorer, world, monkeypatch):
-    pop_up(explorer, BESIDE, FAR)
-    solves = explorer.parts.solvers.parallel
-    failing = [world.ModifiedSolver(solver, explode) for solver in solves.solvers]
-    monkeypatch.setattr(solves, 'solvers', failing)
-    assert [why.values['rung'] for why in roll(explorer, world, 2)] == [SOLVED, SOLVED]
-    assert explorer.memory.candidacy.kept == ()
 
 
 # the time of a tick on the wall clock: guesses and candidates are paid for by the solvers
@@ -428,7 +408,7 @@ def delay(controller, function, takes_s):
     ('owner', 'name', 'vy', 'takes_s'),
     [
         (choose, 'propose', 0.0, 0.003),
-        (planner, 'guess_from_law', 8.0, 0.004),
+        (guesses, 'from_recovery', 8.0, 0.004),
         (choose, 'propose', 0.0, 1.0),  # no time is left, and the tick still answers
     ],
 )
@@ -450,7 +430,7 @@ def test_the_time_to_guess_is_taken_from_the_solvers(
 def test_other_candidates_that_do_not_return_hold_no_tick(timed, world):
     solvers, hanging = timed.parts.solvers, HangingSolver()
     solvers.parallel.solvers = [hanging] * len(solvers.parallel.solvers)
-    solvers.solve_followed = delay(timed, solvers.solve_followed, PATIENCE_S - 0.01)
+    solvers.solve = delay(timed, solvers.solve, PATIENCE_S - 0.01)
     pop_up(timed, Obstacle(1, 32.0, 1.2, 1.0, 0.0, 0.0))
     began = time.monotonic()
     try:
@@ -474,10 +454,10 @@ def test_other_candidates_that_do_not_return_hold_no_tick(timed, world):
 def test_late_candidates_are_dropped_the_first_way_last_then_the_plan_that_brakes(
     timed, world, build_s, built
 ):
-    parts, scene, now = timed.parts, timed.scene, timed.active_ramp.end
+    parts, scene, now = timed.parts, world.scene(world.straight()), timed.active_ramp.end
     x = world.rolling()
     _, x0 = path_progress.initial_state(Progress(), x, now, scene, None, parts.params)
-    guess = planner.guess_from_law(x0, scene, timed.car, parts)
+    guess = guesses.from_recovery(x0, scene.path, timed.car, parts.model.step, parts.params)
     others = [Candidate(name, guess) for name in ('left of 1', 'right of 1', BRAKE)]
     parts.model.build_problem = delay(timed, parts.model.build_problem, build_s)
     arguments = x0, scene, others, timed.car

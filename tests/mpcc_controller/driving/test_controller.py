@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from mpcc_controller.driving import planner, setpoints
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.delay_compensation import expected_delay
-from mpcc_controller.driving.records import Arrival, TickInputs
+from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
@@ -52,41 +52,6 @@ def test_a_straight_road_needs_no_steering_and_a_force_towards_the_drag(either, 
     assert last.Fxf == 0
 
 
-def mirrored(situation):
-    flip = np.array([1, -1])
-    reference, edges, obstacles = situation
-    return situation._replace(
-        reference=reference._replace(Y=-reference.Y, psi=-reference.psi),
-        edges=edges._replace(left=edges.right * flip, right=edges.left * flip),
-        obstacles=Obstacles(0, tuple(o._replace(Y=-o.Y) for o in obstacles.items)),
-    )
-
-
-def test_a_mirrored_road_mirrors_the_steering(either, world):
-    situation = world.lane_change()
-    state = world.rolling(X=25.0, psi=0.02, vy=0.1, r=0.05)
-    world.set_inputs(either, situation)
-    here, plan, why = world.tick(either, state)
-    assert 0.3 < why.values['friction.front_max'] < 1.02
-    assert why.values['friction.rear_max'] < 1.02
-    world.set_inputs(either, mirrored(situation))
-    there, other, _ = world.tick(either, state._replace(psi=-0.02, vy=-0.1, r=-0.05))
-    assert np.max(np.abs(plan.Y)) > 1
-    assert pytest.approx(-plan.Y, abs=1e-4) == other.Y
-    assert there.delta == pytest.approx(-here.delta, abs=1e-5)
-    assert there.Fxf + there.Fxr == pytest.approx(here.Fxf + here.Fxr, abs=1.0)
-
-
-def test_an_obstacle_that_appears_beside_the_path_pushes_the_plan_to_the_free_side(either, world):
-    world.tick(either, world.rolling())
-    either.set_obstacles(Obstacles(0, (Obstacle(1, 30.0, -0.5, 1.0, 0.0, 0.0),)))
-    _, prediction, why = world.tick(either, world.rolling(X=1.0, stamp_ns=TICK))
-    assert prediction.Y[np.argmin(np.abs(prediction.X - 30.0))] > 1.4
-    assert why.values['v2o.1.least'] > 0
-    assert why.values['q_v2o.1'] > 0
-    assert why.values['cost.v2o'] > 0
-
-
 @pytest.mark.parametrize(
     ('v', 'distance'), [(20.0, 16.0), (22.0, 18.0), (20.0, 20.0), (22.0, 28.0), (20.0, 40.0)]
 )
@@ -111,11 +76,6 @@ def test_heading_beyond_pi_is_taken_as_the_same_heading(controller, world):
     command, prediction, _ = world.tick(controller, world.rolling(psi=-np.pi + 0.01))
     assert prediction.psi[0] == pytest.approx(np.pi + 0.01)
     assert -0.03 < command.delta < 0
-
-
-def test_equal_inputs_give_equal_commands(controller, world):
-    runs = [world.drive(world.set_inputs(controller, world.lane_change()), 8) for _ in range(2)]
-    assert runs[0].commands == runs[1].commands
 
 
 def test_hard_braking_above_the_least_speed_and_a_car_off_the_road_are_solvable(controller, world):
@@ -204,7 +164,7 @@ def test_what_is_measured_is_remembered_while_ticks_raise(world, monkeypatch, ra
         records.append(controller.step(TickInputs(x, actuators=actuators)))
     memory = controller.memory
     assert bool(controller.errors.counts) == bool(raises)
-    assert memory.known.stamp_ns == memory.sightings.true_state.stamp_ns == 8 * TICK
+    assert memory.known.stamp_ns == 8 * TICK
     # neither a steering that agrees nor the start after a pause is forgotten
     steering, _ = memory.actuators.persistences
     assert steering.agreed_ns == 8 * TICK
@@ -281,16 +241,6 @@ def test_distances_weights_and_their_frenet_counterparts_agree_with_the_geometry
     assert v['q_v2o.1.now'] <= v['q_v2o.1'] <= v['weight.v2o']
 
 
-def test_times_of_receiving_and_publishing_are_reported_where_they_are_known(controller, world):
-    *_, why = world.tick(controller, world.rolling(stamp_ns=TICK))
-    assert not {'time.publish_ms', 'time.heard_ns', 'time.wait_ms'} & why.values.keys()
-    known = {'arrival': Arrival(received_ns=77, wait_s=0.002), 'publish_s': 0.004}
-    *_, why = world.tick(controller, world.rolling(X=1.0, stamp_ns=2 * TICK), **known)
-    times = [why.values[f'time.{name}'] for name in ('heard_ns', 'wait_ms', 'publish_ms')]
-    assert times == pytest.approx([77, 2.0, 4.0])
-    assert not conformance.check('/controller/why', encode.why(why))
-
-
 # the warm-up before the first command
 
 
@@ -324,9 +274,9 @@ def test_after_the_warm_up_the_commands_are_those_of_a_controller_that_did_not_w
     warm.parts.solvers.parallel.solvers = solvers
     before = warm.scene
     records = list(warm.warm_up(world.rolling(v=18.0, X=20.0), 12))
-    assert sum(record.attempt.candidates is not None for record in records) >= 3
+    assert sum(record.attempt.choice is not None for record in records) >= 3
     assert all(solver.solutions for solver in solvers)
-    assert all(record.attempt.candidates is None for record in records[-5:])
+    assert all(record.attempt.choice is None for record in records[-5:])
     assert (warm.last_command, warm.memory.ramps) == (cold.last_command, cold.memory.ramps)
     assert warm.scene is before
     runs = [world.drive(controller, 12) for controller in (warm, cold)]

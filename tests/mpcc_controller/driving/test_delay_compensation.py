@@ -108,12 +108,6 @@ def test_the_plan_starts_at_the_state_at_which_its_command_takes_effect(realtime
     assert expected == pytest.approx(0.016)
 
 
-def test_in_lockstep_there_is_no_delay(controller, world):
-    _, prediction, why = world.tick(controller, world.rolling(X=10.0, stamp_ns=TICK), age_s=0.1)
-    assert why.values['time.lead_ms'] == 0
-    assert (prediction.X[0], prediction.stamp_ns) == (10.0, TICK)
-
-
 def test_after_an_early_state_the_last_setpoint_is_reached_first(realtime, world):
     command, *_ = world.tick(realtime, world.rolling(X=10.0, v=18.0, stamp_ns=TICK))
     ramp = realtime.active_ramp

@@ -145,14 +145,6 @@ TestLadder.settings = settings(
 )
 
 
-@pytest.mark.parametrize('solved', [GOOD[0][0], BAD[0][0]])
-def test_no_plan_with_an_objection_is_followed_whatever_level_it_is_from(solved):
-    plans, _ = Plans().decide(RULES, GOOD[0][0], None)
-    shifted = Plan(plans.plan.X + 1, plans.plan.U)
-    _, decision = plans.decide(RULES, solved, shifted, False, lambda plan: 'plan_touches')
-    assert decision == (BRAKING, 'plan_touches', None)
-
-
 # in the controller: each row forces a level by what the solver does or what the tick is given
 
 
@@ -272,12 +264,10 @@ def test_the_least_speed_has_a_hysteresis_and_the_braking_car_steers_and_reports
         decisions.append(answer.decision)
         if k == 1:
             assert answer.command.delta != 0
-            values = answer.why.values
             gap = np.hypot(60.3 - 72.0, 2.0 - 1.5) - 1.0 - 1.1
-            assert values['v2o.1'] == pytest.approx(gap, abs=1e-5)
-            assert values['v2e.left'] == pytest.approx(6.0 - 2.0 - 1.1, abs=1e-3)
-            assert values['v2e.right'] == pytest.approx(2.0 + 2.5 - 1.1, abs=1e-3)
-            assert values['set_point.delta'] == controller.active_ramp.begin.delta
+            assert answer.why.values['v2o.1'] == pytest.approx(gap, abs=1e-5)
+            begin = controller.active_ramp.begin.delta
+            assert answer.why.values['set_point.delta'] == begin
     assert [d[0] for d in decisions] == [SOLVED, BRAKING, BRAKING, BRAKING, SOLVED]
     assert decisions[1] == (BRAKING, 'too_slow', 'plan')
 

@@ -15,8 +15,6 @@ from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import FrictionEstimate
 from mpcc_controller.problem import stage_parameters
 from msgs_yaml.types import Command, VehicleState
-from node_runtime import parameters
-from node_runtime.parameters import ParameterError
 
 TICK_NS = 50_000_000
 STRAIGHT = Setpoints(0.0, 0.0)
@@ -101,12 +99,6 @@ def test_a_swerve_at_the_limit_tells_the_friction(drive, estimator_, friction, s
     beliefs = [estimator.update(x, ramps) for x, ramps in drive(friction, swerve(), speed)]
     assert friction - 0.1 < beliefs[-1].friction <= friction + 0.06
     assert max(belief.excitation for belief in beliefs) > 1.0
-
-
-@pytest.mark.parametrize('friction', [0.4, 0.55])
-def test_braking_beyond_the_friction_tells_it(drive, estimator_, friction):
-    frictions = estimator_().frictions(drive(friction, braking()))
-    assert frictions[-1] == pytest.approx(friction, abs=0.1)
 
 
 def test_the_friction_is_found_within_half_a_second_and_a_dry_road_is_believed(drive, estimator_):
@@ -260,9 +252,3 @@ def test_braking_without_a_plan_probes_a_little_beyond_the_belief(
     assert car[:] == pytest.approx(
         nominal._replace(mu_f=braked_with * nominal.mu_f, mu_r=braked_with * nominal.mu_r)
     )
-
-
-def test_a_group_that_is_on_must_be_complete(world):
-    params, _ = world.load(friction_estimate__on=True)
-    with pytest.raises(ParameterError, match=r'friction_estimate\.lowest: is missing'):
-        parameters.build(type(params), parameters.flatten(params), 'my.yaml')

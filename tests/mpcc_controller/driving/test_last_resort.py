@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mpcc_controller.driving import last_resort
 from mpcc_controller.driving.gate import Gate
-from mpcc_controller.driving.internal_errors import InternalErrors
+from mpcc_controller.driving.last_resort import InternalErrors
 from msgs_yaml.types import Command, VehicleState
 
 STEP_S = 0.05

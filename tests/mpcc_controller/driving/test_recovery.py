@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller.driving import braking, path_progress, planner, recovery
+from mpcc_controller.driving import braking, guesses, path_progress, planner, recovery
 from mpcc_controller.driving.braking import Point
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.fallback import BRAKING, RECOVERY, rejection_reason
@@ -155,7 +155,7 @@ def test_the_guess_of_a_sliding_car_obeys_model_and_limits_from_any_state(
     parts, scene = road_controller.parts, road_controller.scene
     limits = parts.params.limits
     x0 = State(9.0, 1.0, -beta, v * math.cos(beta), v * math.sin(beta), r, 9.0, delta, 0.0)
-    plan = planner.guess_from_law(x0, scene, parts.model.car, parts)
+    plan = guesses.from_recovery(x0, scene.path, parts.model.car, parts.model.step, parts.params)
     assert np.isfinite(plan.X).all()
     assert plan.X[0] == pytest.approx(np.array(x0))
     for x, u, after in zip(plan.X, plan.U, plan.X[1:]):

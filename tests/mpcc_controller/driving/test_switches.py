@@ -5,17 +5,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mpcc_controller import run_time_parameters
 from mpcc_controller.driving import planner
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.path_progress import LOST_M
 from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.driving.tick_solvers import MOST_REFRESHES, REFRESH_FROM_M
+from mpcc_controller.in_force import FRONT_SHARE
 from mpcc_controller.model.single_track import State
 from mpcc_controller.path import arc, reference_path
 from msgs_yaml import conformance, encode
 from msgs_yaml.types import VehicleState
-from node_runtime.parameters import ParameterError
 from stage_solver.solution import FAILED, ONE_STEP, SOLVED
 
 TICK_NS = 50_000_000
@@ -162,7 +161,7 @@ def test_refreshing_ends_with_the_time_of_the_solver(world, limit_s, solves):
 @pytest.mark.parametrize(
     ('name', 'changes', 'share'),
     [
-        ('mpcc', {'formulation__brake_split': 'fixed'}, run_time_parameters.FRONT_SHARE),
+        ('mpcc', {'formulation__brake_split': 'fixed'}, FRONT_SHARE),
         (
             'frenet',
             {'formulation__brake_split': 'fixed', 'formulation__brake_front_share': 0.6},
@@ -180,12 +179,6 @@ def test_a_fixed_split_brakes_with_its_share_and_has_no_cost(world, changed, nam
     assert shares == pytest.approx([share] * len(braking), abs=1e-3)
     terms = {term.name for term in controller.parts.model.formulation.ocp.terms}
     assert ('lambda_b' in terms) == ('formulation__brake_split' not in changes)
-
-
-@pytest.mark.parametrize('name', ['frenet', 'tracking'])
-def test_a_theta_that_cannot_be_integrated_is_named(world, name):
-    with pytest.raises(ParameterError, match=r'model\.theta: .*allowed'):
-        Controller(*world.load(name, model__theta='integrated'))
 
 
 # the modes of the solver

@@ -59,11 +59,6 @@ def test_each_input_has_its_limit_and_its_reason(realtime, name):
     assert realtime.fault(late + 2) == realtime.describe(late + 2) == ''
 
 
-def test_the_state_is_named_first_when_several_inputs_are_stale(realtime):
-    assert realtime.fault(9 * S) == 'state_stale'
-    assert realtime.describe(9 * S).count('limit') == len(LIMITS)
-
-
 def test_a_message_that_is_refused_or_only_checked_does_not_reset_the_age(realtime):
     late = S + 300 * MS
     assert 'in the past' in realtime.offer(OBSTACLES, 0, late)
@@ -114,15 +109,6 @@ def test_actuators_that_do_not_follow_are_a_warning(realtime, level):
     well = realtime.on_timer(4 * S, '')
     assert well[2:4] == (OK, MESSAGES[OK])
     assert 'actuators.fault' not in well.values
-
-
-def test_a_bad_step_is_remembered_for_two_seconds(realtime):
-    realtime.on_step(why(S, ERROR))
-    levels = []
-    for second in (1, 2, 3):
-        refresh(realtime, second * S)
-        levels.append(realtime.on_timer(second * S, '').level)
-    assert levels == [ERROR, ERROR, OK]
 
 
 def test_before_the_first_step_health_names_the_missing_inputs():

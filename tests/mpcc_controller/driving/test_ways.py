@@ -14,10 +14,9 @@ from mpcc_controller.driving.setpoints import Setpoints, command_to, setpoints_o
 from mpcc_controller.driving.ways import BEHIND, LEFT, RIGHT
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import State
-from mpcc_controller.path import reference_path, road_edges
+from mpcc_controller.path import reference_path
 from mpcc_controller.problem import stage_parameters
-from mpcc_controller.problem.stage_parameters import Scene
-from msgs_yaml.types import Obstacle
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle
 from stage_solver.stage_problem import Plan
 from vehicle_plant import parameters as plant_parameters
 from vehicle_plant.initial_state import Start
@@ -45,9 +44,7 @@ def road(world):
     """Return a function that returns a straight road with obstacles."""
 
     def scene(*obstacles, v=20.0, half_width=6.0):
-        situation = world.straight(v, obstacles, half_width, -half_width)
-        path = reference_path.build(situation.reference)
-        return Scene(path, road_edges.build(situation.edges), situation.obstacles)
+        return world.scene(world.straight(v, obstacles, half_width, -half_width))
 
     return scene
 
@@ -57,7 +54,7 @@ def start(v=20.0, Y=0.0):
 
 
 def standing(key, X, Y, r_obs=1.0):
-    return Obstacle(key, X, Y, r_obs, 0.0, 0.0)
+    return PredictedObstacle(key, X, Y, r_obs, 0.0, 0.0)
 
 
 def straight_line(length, v=0.0, Y=0.0, stages=51):
@@ -141,7 +138,7 @@ def test_a_guess_is_a_motion(road, params, car, v, seconds, Y, Y0):
 def test_another_car_is_met_when_both_speeds_say(road, params, car, v, other, seconds):
     """An oncoming car and a slower one ahead, and what stands."""
     assume(v - other > 8.0)
-    scene = road(Obstacle(1, (v - other) * seconds, 0.0, 1.0, other, 0.0), v=v)
+    scene = road(PredictedObstacle(1, (v - other) * seconds, 0.0, 1.0, other, 0.0), v=v)
     (hazard,) = ways.road_ahead(scene, start(v), (), car, params).hazards
     touch = (1.0 + R_VEH) / (v - other)
     assert hazard.enter == pytest.approx(seconds - touch, abs=1.01 * STEP_S)
@@ -295,8 +292,8 @@ def test_sides_are_named_and_opposed_where_one_obstacle_is_passed_on_both():
     ('obstacle', 'speed'),
     [
         (standing(1, 30.0, 0.0), 20.0),
-        (Obstacle(1, 60.0, 0.0, 1.0, -15.0, 0.0), 35.0),
-        (Obstacle(1, 20.0, 0.0, 1.0, 8.0, 0.0), 12.0),
+        (PredictedObstacle(1, 60.0, 0.0, 1.0, -15.0, 0.0), 35.0),
+        (PredictedObstacle(1, 20.0, 0.0, 1.0, 8.0, 0.0), 12.0),
         (standing(1, 30.0, 3.0), 0.0),
         (standing(1, 70.0, 0.0), 0.0),  # beyond the horizon
     ],

@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from mpcc_controller import car_file
+from mpcc_controller import car_file, in_force
 from mpcc_controller.problem import stage_parameters
 from msgs_yaml import share
 from node_runtime import parameters
@@ -33,12 +33,6 @@ def test_a_bare_name_is_a_file_in_config_and_anything_else_a_path(params, shippe
         car_file.load(elsewhere)
     with pytest.raises(ParameterError, match=r'car_file: .*has car\.yaml.*\./nosuch\.yaml'):
         car_file.load(dataclasses.replace(params, car_file='nosuch.yaml'))
-
-
-def test_the_identified_car_understeers(shipped):
-    tyre, car = shipped.tyre, shipped.car
-    front = tyre.front_cornering_npr * car.cog_to_front_m
-    assert front < tyre.rear_cornering_npr * car.cog_to_rear_m
 
 
 @pytest.mark.parametrize(('given', 'used'), [(None, 1.0), (0.0, 0.0), (0.4, 0.4)])
@@ -72,11 +66,11 @@ def test_the_lags_of_the_actuators_are_in_the_model_where_the_switch_is_on(param
 
 def test_limits_are_cut_to_what_the_car_can_do_and_not_raised(params, shipped):
     assert car_file.limit_to_car(params, shipped) == params
-    assert car_file.describe_cut_limits(params, shipped) == ''
+    assert in_force.describe_changes(params, shipped) == []
     weak = replace(shipped, 'actuators', steer_rate_radps=0.349, drive_n=4000.0)
     cut = car_file.limit_to_car(params, weak)
     assert cut == replace(params, 'limits', steer_rate_radps=0.349, drive_n=4000.0)
-    assert car_file.describe_cut_limits(params, weak).endswith(
+    assert in_force.describe_changes(params, weak)[0].endswith(
         'car.yaml can do; cut: limits.steer_rate_radps from 0.524 to 0.349, '
         'limits.drive_n from 6000 to 4000'
     )

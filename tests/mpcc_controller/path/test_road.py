@@ -1,7 +1,5 @@
 """Road edges as tangent parabolas, the middle of the road, and distances to edges and obstacles."""
 
-from types import SimpleNamespace
-
 import casadi as ca
 import numpy as np
 import pytest
@@ -41,11 +39,6 @@ def test_v2o_has_a_gradient_at_the_centre_of_an_obstacle():
     X = ca.SX.sym('X')
     D = distance.v2o(Circle(X, 0.0, 1.0), Disc(0.0, 0.0, 1.0))
     assert np.isfinite(float(ca.Function('g', [X], [ca.gradient(D, X)])(0)))
-
-
-def test_circles_sit_on_the_body_axis():
-    front = distance.circle(SimpleNamespace(X=1.0, Y=2.0, psi=np.pi / 2), 1.5, 1.0)
-    assert (front.X, front.Y, front.r) == pytest.approx((1.0, 3.5, 1.0))
 
 
 @pytest.mark.parametrize('turn', [1, -1])
@@ -119,31 +112,12 @@ def test_long_roads_are_searched_in_blocks():
     assert pytest.approx(np.full(51, -3.0)) == right.Y
 
 
-@pytest.mark.parametrize('along', [-5000.0, -200.0, 200.0, 1500.0])
-def test_past_its_ends_an_edge_is_the_same_straight_line(along):
-    direction, across = np.array([0.8, 0.6]), np.array([-0.6, 0.8])
-    X, Y = along * direction + 1.0 * across
-    sides = (np.outer((0.0, 10.0), direction) + n * across for n in (3.0, -3.0))
-    edges = road_edges.edges_near(road(*sides), np.array([X]), np.array([Y]), 2.0)
-    assert (*edges.left.kappa, *edges.right.kappa) == pytest.approx((0.0, 0.0), abs=1e-9)
-    to_left, to_right = distance.v2e(Circle(X, Y, 1.1), edges)
-    assert (to_left[0], to_right[0]) == pytest.approx((0.9, 2.9), abs=1e-6)
-
-
 def test_an_edge_that_doubles_back_has_a_curvature_everywhere():
     back = road([[0, 3], [10, 3], [0, 3]], [[0, -3], [10, -3]])
     edges = road_edges.edges_near(back, np.linspace(-5.0, 20.0, 26), np.zeros(26), 2.0)
     assert np.all(np.isfinite(edges.left))
     nowhere = np.array([np.nan])
     assert not np.isfinite(road_edges.edge_beside(back.left, nowhere, nowhere, 2.0).X).any()
-
-
-def test_the_middle_of_the_road_is_between_the_edges_for_every_path():
-    on_path = Arc(np.array([20.0]), np.array([3.5]), np.zeros(1), np.zeros(1), np.array([20.0]))
-    sides = ([[-10.0, y], [100.0, y]] for y in (6.0, -2.5))
-    track = road_edges.track_beside(road(*sides), on_path, 2.0)
-    assert (track.centre.X[0], track.centre.Y[0]) == pytest.approx((20.0, 1.75))
-    assert track.half_width[0] == pytest.approx(4.25)
 
 
 def test_in_a_funnel_the_centre_is_moved_beside_the_path():

@@ -8,10 +8,9 @@ import pytest
 
 from mpcc_controller.driving import guesses
 from mpcc_controller.model.single_track import Input, State
-from mpcc_controller.path import reference_path, road_edges
 from mpcc_controller.problem import bounds, formulation, ocp, stage_parameters
-from mpcc_controller.problem.plan_evaluator import PlanEvaluator
-from mpcc_controller.problem.stage_parameters import Scene, StageParameters
+from mpcc_controller.problem.ocp import PlanEvaluator
+from mpcc_controller.problem.stage_parameters import StageParameters
 from node_runtime import named_vector
 from stage_solver.reference_solvers import ReferenceSolver
 from stage_solver.solution import SolverOptions
@@ -66,20 +65,12 @@ class Posed(NamedTuple):
         return x or self.form.ocp.state(*self.plan.X[0]), u, stage._replace(**changes)
 
 
-def scene_of(situation):
-    return Scene(
-        reference_path.build(situation.reference),
-        road_edges.build(situation.edges),
-        situation.obstacles,
-    )
-
-
 @pytest.fixture(scope='session')
 def roads(world):
     """Return a lane change past an obstacle, and a straight road with the same obstacle."""
     change = world.lane_change()
     straight = world.straight(obstacles=change.obstacles.items)
-    return {'lane change': scene_of(change), 'straight': scene_of(straight)}
+    return {'lane change': world.scene(change), 'straight': world.scene(straight)}
 
 
 @pytest.fixture(scope='session')

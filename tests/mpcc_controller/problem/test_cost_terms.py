@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mpcc_controller.model.single_track import Input, State
-from mpcc_controller.problem import priorities
+from mpcc_controller.problem import cost_terms
 
 START = State(50.0, 0.5, 0.05, 20.0, 0.0, 0.0, 50.0, 0.0, 0.0)
 D_SFT = 0.5
@@ -17,10 +17,10 @@ EXPECTED = {
 }
 
 
-@pytest.mark.parametrize('kind', priorities.PRIORITIES)
+@pytest.mark.parametrize('kind', cost_terms.PRIORITIES)
 def test_the_cost_of_a_distance_is_its_closed_form_and_its_slope_has_no_jump(kind):
     symbol = ca.SX.sym('D')
-    intrusion = priorities.intrusion(symbol, D_SFT, priorities.PRIORITIES[kind])
+    intrusion = cost_terms.intrusion(symbol, D_SFT, cost_terms.PRIORITIES[kind])
     curve = ca.Function('curve', [symbol], [intrusion, ca.gradient(intrusion, symbol)])
 
     def expected(D):
@@ -87,20 +87,6 @@ def test_the_measure_of_distances_counts_only_beside_a_bend_and_only_for_distanc
     )
     for mine, other in zip(ground.v2o[:1] + ground.v2e, path.v2o[:1] + path.v2e):
         assert mine == pytest.approx(other, abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ('change', 'same'),
-    [
-        ({'distance': 'path'}, False),
-        ({'priority': 'step'}, False),
-        ({'heading': True}, False),
-        ({'lag': False}, True),
-    ],
-)
-def test_a_rule_of_structure_is_another_problem_and_the_lag_is_a_number(pose, change, same):
-    options = {f'formulation__{name}': value for name, value in change.items()}
-    assert (pose(START, **options).problem() == pose(START).problem()) == same
 
 
 ENVELOPE = {

@@ -5,15 +5,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller import run_time_parameters
+from mpcc_controller import in_force
 from mpcc_controller.driving import ways
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
-from mpcc_controller.parameters import FORMULATIONS, INTEGRATED
+from mpcc_controller.parameters import INTEGRATED
 from mpcc_controller.path import reference_path, road_edges
-from mpcc_controller.problem import bounds, formulation, frenet_formulation, ocp, stage_parameters
+from mpcc_controller.problem import bounds, frenet_formulation, ocp, stage_parameters
 from mpcc_controller.problem.frenet_formulation import FrenetState
-from msgs_yaml.types import Obstacle, Obstacles, RoadEdges
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle
+from msgs_yaml.types import Obstacles, RoadEdges
 from node_runtime.parameters import ParameterError
 from stage_solver.stage_problem import Plan
 
@@ -26,7 +27,8 @@ SPREADS = {
     'frenet': FrenetState(2, 2, 0.2, 4, 1, 0.5, 0.2, 5000),
 }
 both = pytest.mark.parametrize('name', ['mpcc', 'frenet'])
-MOVING, STANDING = Obstacle(1, 60.0, 0.0, 1.0, 3.0, 0.5), Obstacle(2, 90.0, 2.0, 1.5, 0.0, 0.0)
+MOVING = PredictedObstacle(1, 60.0, 0.0, 1.0, 3.0, 0.5)
+STANDING = PredictedObstacle(2, 90.0, 2.0, 1.5, 0.0, 0.0)
 
 
 def with_obstacles(scene, *obstacles):
@@ -55,13 +57,6 @@ def test_the_objective_is_the_sum_of_the_logged_terms(pose, name):
         assert logged == pytest.approx(cost, rel=1e-12)
 
     check()
-
-
-@pytest.mark.parametrize('name', FORMULATIONS)
-def test_the_formulation_that_the_parameters_name_is_made(pose, name):
-    form = pose(START, name).form
-    assert type(form) is formulation.find(name)
-    assert form.ocp.name == name
 
 
 def test_weights_are_one_over_the_squared_tolerances(pose):
@@ -153,7 +148,7 @@ def test_a_slow_car_may_not_leave_the_road_for_nothing(pose, still, name, vx, be
 def test_the_outline_stays_on_the_track(world, pose, still, name, ahead):
     """A car of three circles whose CoG is well on the road and an end of it is not."""
     params, vehicle = world.load(name, body__circles=3)
-    params = run_time_parameters.in_force(params, vehicle)
+    params = in_force.in_force(params, vehicle)
     outline, yaw = vehicle.outline, 0.4 * ahead
     end = outline.front_m if ahead > 0 else outline.rear_m
     for beyond in (0.3, -0.1):
@@ -166,7 +161,9 @@ def test_the_outline_stays_on_the_track(world, pose, still, name, ahead):
 def test_of_many_obstacles_those_nearest_to_the_plan_count_and_empty_slots_cost_nothing(
     pose, scene
 ):
-    crowd = with_obstacles(scene, *(Obstacle(i, 20.0, 3.0 * i, 1.0, 0, 0) for i in range(9, 0, -1)))
+    crowd = with_obstacles(
+        scene, *(PredictedObstacle(i, 20.0, 3.0 * i, 1.0, 0, 0) for i in range(9, 0, -1))
+    )
     posed = pose(START, scene=crowd, drives=True)
     assert [o.id for o in posed.numbers.obstacles] == [1, 2, 3, 4]
     free = pose(START, scene=with_obstacles(scene), drives=True)

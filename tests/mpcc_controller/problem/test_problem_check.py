@@ -7,8 +7,7 @@ import pytest
 
 from mpcc_controller.driving.prediction_model import PredictionModel
 from mpcc_controller.problem import cost_terms, problem_check
-from mpcc_controller.problem.cost_term_check import CostTermError
-from mpcc_controller.problem.cost_terms import CostTerm
+from mpcc_controller.problem.cost_terms import CostTerm, CostTermError
 from mpcc_controller.problem.mpcc_formulation import MpccFormulation
 
 JERK = 'tolerances.lateral_jerk_mps3'  # a parameter that may be left out

@@ -1,4 +1,4 @@
-"""What the controller takes for the world: measured with errors, remembered when it vanishes."""
+"""What the controller measures: with the errors of its parameters, and the same ones again."""
 
 import dataclasses
 
@@ -7,20 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller.driving import obstacle_perception
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.measurement_errors import measured_obstacles, measured_state
-from mpcc_controller.driving.obstacle_perception import Sightings
 from mpcc_controller.driving.records import unknown_state
 from mpcc_controller.parameters import MeasurementErrors
-from mpcc_controller.problem.obstacle_motion import ExpectedObstacle, position
-from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.types import Obstacle, Obstacles, VehicleState
 
 NONE = MeasurementErrors(
     **dict.fromkeys(field.name for field in dataclasses.fields(MeasurementErrors))
 )
-TICK_NS, MS = 50_000_000, 1_000_000
+TICK_NS = 50_000_000
 EGO = VehicleState(TICK_NS, 10.0, -2.0, 0.3, 20.0, 0.5, 0.2)
 WORLD = Obstacles(
     TICK_NS, (Obstacle(1, 40.0, 0.0, 1.0, 0.0, 0.0), Obstacle(2, 90.0, 1.0, 2.0, 0.0, 0.0))
@@ -110,70 +106,3 @@ def test_the_controller_plans_from_what_it_measures(world):
     assert 'v2o.1' not in why.values  # 50 m ahead
     *_, why = world.tick(controller, world.rolling(X=45.0, stamp_ns=2 * TICK_NS))
     assert 'v2o.1' in why.values
-
-
-# what vanishes from the message
-
-MEMORY_MS = 300
-CAR = Obstacle(id=3, X=10.0, Y=-2.0, r_obs=1.05, vX=12.0, vY=-5.0)
-CONE = Obstacle(id=4, X=30.0, Y=1.0, r_obs=0.3, vX=0.0, vY=0.0)
-
-
-class Seen:
-    """What is known of obstacles from message to message, in no path and on no road."""
-
-    def __init__(self, params, memory_s=MEMORY_MS / 1000):
-        surroundings = dataclasses.replace(params.surroundings, memory_s=memory_s)
-        self.params = dataclasses.replace(params, surroundings=surroundings)
-        self.sightings = Sightings(unknown_state(0))
-
-    def known(self, seen):
-        scene, now = Scene(None, None, seen), (seen.stamp_ns, self.params)
-        state = self.sightings.true_state
-        self.sightings = obstacle_perception.observe(self.sightings, scene, state, *now)
-        return obstacle_perception.scene_known(self.sightings, scene, *now).obstacles
-
-
-def message(at_ms, *items):
-    return Obstacles(at_ms * MS, items)
-
-
-@settings(max_examples=30)
-@given(
-    missed_ms=st.integers(1, MEMORY_MS),
-    braking=st.one_of(st.none(), st.floats(0.5, 10.0)),
-)
-def test_an_obstacle_that_vanishes_goes_on_as_it_was_expected_to(params, missed_ms, braking):
-    """The reference is the motion over the horizon that was expected when it was seen last."""
-    memory = Seen(params)
-    last = CAR if braking is None else ExpectedObstacle(*CAR, braking=braking)
-    memory.known(message(0, last, CONE))
-    seen, remembered = memory.known(message(missed_ms, CONE)).items
-    assert seen == CONE
-    expected = position(last, missed_ms / 1000)
-    # a braking car counts as standing below 0.5 m/s, at most 0.25 m before it does
-    np.testing.assert_allclose((remembered.X, remembered.Y), expected, atol=0.26 if braking else 0)
-    assert (remembered.id, remembered.r_obs) == (CAR.id, CAR.r_obs)
-
-
-def test_it_is_forgotten_when_the_memory_is_over(params):
-    """Its age counts from when it was last in a message, not from when it was last remembered."""
-    memory = Seen(params)
-    memory.known(message(0, CAR))
-    for at_ms in range(50, MEMORY_MS + 1, 50):
-        for _ in range(2):  # to ask again for the same message changes nothing
-            (remembered,) = memory.known(message(at_ms)).items
-            assert pytest.approx(10 + 12 * at_ms / 1000) == remembered.X
-    assert memory.known(message(MEMORY_MS + 50)).items == ()
-    here = CAR._replace(X=14.0)
-    memory.known(message(400, CAR))
-    assert memory.known(message(450, here, CONE)) == message(450, here, CONE)
-
-
-@pytest.mark.parametrize(('memory_s', 'at_ms'), [(MEMORY_MS / 1000, -50), (None, 50), (0.0, 50)])
-def test_nothing_is_remembered_without_a_memory_or_when_the_clock_is_set_back(
-    params, memory_s, at_ms
-):
-    memory = Seen(params, memory_s)
-    memory.known(message(0, CAR))
-    assert memory.known(message(at_ms)) == message(at_ms)
