@@ -32,6 +32,7 @@ WORKERS_S = 60.0  # without any worker
 POLL_S = 1.0  # between two looks whether scheduler and workers are there
 PER_THREAD = 2  # tasks that have been sent: the next one is there when one ends
 NO_LIBRARY = 'several processes need dask.distributed: pip install distributed'
+LOGGERS = ('', '.client', '.core', '.batched', '.comm', '.worker', '.scheduler')
 
 Describe = Callable[[], Mapping[str, str]]
 
@@ -80,8 +81,7 @@ class Pool:
         except ModuleNotFoundError:
             raise BagError(NO_LIBRARY) from None
         with contextlib.ExitStack() as stack:
-            logging.disable(logging.CRITICAL)  # errors are one line each, those raised here
-            stack.callback(logging.disable, logging.NOTSET)
+            stack.enter_context(_quiet())  # errors are one line each, those raised here
             if self.address:
                 scheduler = self.address
             else:
@@ -243,6 +243,19 @@ class _RemoteError(Exception):
 
     def __str__(self):
         return f'\n{self.args[0]}'
+
+
+@contextlib.contextmanager
+def _quiet():
+    loggers = [logging.getLogger(f'distributed{name}') for name in LOGGERS]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels):
+            logger.setLevel(level)
 
 
 class TaskProcess:
