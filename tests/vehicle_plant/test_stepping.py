@@ -284,6 +284,20 @@ def test_health_counts_what_it_names(params):
     assert (values['age.command_stale'], values['controller_gone']) == (1, False)
 
 
+def test_in_lockstep_there_are_no_ages_and_nothing_is_missed(params):
+    status = HealthMonitor(stepper(LockstepStepper, params)).health(START_NS)
+    assert (status.level, status.values) == (
+        OK,
+        {
+            'commands_rejected': 0,
+            'last_rejection': 'none',
+            'missed_steps': 0,
+            'longest_gap_steps': 1,
+            'controller_gone': False,
+        },
+    )
+
+
 def test_before_its_run_the_plant_says_what_it_waits_for():
     status = health.waiting(START_NS, 'waiting for a command')
     assert (status.level, status.message) == (STALE, 'waiting for a command')
