@@ -124,7 +124,7 @@ budget:
 	@$(PYTHON) .ci/budget.py
 
 # the last lines of defence: every line and every branch of them is run by their own tests
-SAFE := */gate.py,*/fallback.py,*/braking.py,*/last_resort.py,*/recovery.py,*/internal_errors.py,$\
+SAFE := */gate.py,*/fallback.py,*/braking.py,*/last_resort.py,*/recovery.py,$\
   */parallel_solves.py,*/run_time_parameters.py,*/car_file.py,*/input_monitor.py,*/clocks.py,$\
   */watchdog.py,*/vehicle_plant/health.py,*/vehicle_plant/stepping.py
 SAFE_TESTS := $(foreach name,gate fallback braking last_resort recovery parallel_solves watchdog,$\

@@ -189,13 +189,17 @@ def _lines(pandas, table: Columns, lines: Callable[[Any], Iterable[tuple]], *lev
     `lines(value)` yields of each line of a message the values of the `levels` of the index that
     all its points share, and its columns (n,); the last level is the number of the point.
     """
-    each = [
-        ((t_s, *shared), pandas.DataFrame({'stamp_ns': stamp_ns, **fields}))
-        for stamp_ns, t_s, value in zip(table.stamp_ns, table.t_s, table.values)
-        for shared, fields in lines(value)
-    ]
-    keys, parts = zip(*each)
-    return pandas.concat(parts, keys=keys, names=[INDEX, *levels])
+    columns: dict[str, list[np.ndarray]] = {}
+    for stamp_ns, t_s, value in zip(table.stamp_ns, table.t_s, table.values):
+        for shared, fields in lines(value):
+            count = len(next(iter(fields.values())))
+            same = dict(zip(('stamp_ns', INDEX, *levels[:-1]), (stamp_ns, t_s, *shared)))
+            own = {name: np.full(count, constant) for name, constant in same.items()}
+            # a DataFrame per line would take ten times as long
+            for name, part in (own | {levels[-1]: np.arange(count)} | fields).items():
+                columns.setdefault(name, []).append(part)
+    joined = {name: np.concatenate(parts) for name, parts in columns.items()}
+    return pandas.DataFrame(joined).set_index([INDEX, *levels])
 
 
 def _poses(pandas, table, level, fields):

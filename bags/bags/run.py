@@ -57,15 +57,16 @@ class UnknownNameError(BagError, KeyError):
         return self.args[0]
 
 
-def _base(name):
+def _known(name, values, key):
+    """Return the value of a key of a name. Raises UnknownNameError, which has the whole name."""
+    if key not in values:
+        raise UnknownNameError(f'no metric {name!r}{closest(name, [VERDICT, *values])}')
+    return values[key]
+
+
+def _metric(name):
     # a member has the unit of its metric; those of an overshoot both are lengths
-    return name.partition('.')[0]
-
-
-def _known(name, values):
-    if name not in values:
-        raise UnknownNameError(f'no metric {name!r}{closest(name, values)}')
-    return values[name]
+    return _known(name, METRICS, name.partition('.')[0])
 
 
 class MetricValues(Mapping[str, Any]):
@@ -79,7 +80,7 @@ class MetricValues(Mapping[str, Any]):
         self._values = dict(values)
 
     def __getitem__(self, name: str) -> Any:
-        return _known(name, self.flat() | self._values)
+        return _known(name, self.flat() | self._values, name)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._values)
@@ -89,13 +90,13 @@ class MetricValues(Mapping[str, Any]):
 
     def unit(self, name: str) -> str:
         """Return the unit of a metric, '' of one without; KeyError for an unknown name."""
-        return '' if name == VERDICT else _known(_base(name), METRICS).unit
+        return '' if name == VERDICT else _metric(name).unit
 
     def meaning(self, name: str) -> str:
         """Return what a metric is, in one sentence or more; KeyError for an unknown name."""
         if name == VERDICT:
             return 'How the run ended, in words.'
-        return _known(_base(name), METRICS).meaning
+        return _metric(name).meaning
 
     def flat(self) -> dict[str, Any]:
         """Return every single value by dotted name, as the rows of comparison.csv."""

@@ -9,6 +9,10 @@ import pytest
 pytestmark = [pytest.mark.needs('compiler'), pytest.mark.ros]
 RUN = ('run', 'straight', '--controller', 'mpcc', '--set', 'plant.stop.x_m=20')
 RUN += ('--set', 'plant.stop.armed_after_m=1')
+NODES = {
+    'mpcc_controller.controller_node': 'path_queries',  # what it loads first
+    'vehicle_plant.plant_node': 'vehicle_plant',
+}
 
 
 @pytest.fixture
@@ -41,3 +45,15 @@ def test_without_compiler_and_libraries_a_run_is_refused_before_a_node_starts(ah
     (line,) = done.stderr.splitlines()
     assert f'no C compiler for path_queries, and no library of it is in {cache}: ' in line
     assert not (tmp_path / 'runs').exists()
+
+
+@pytest.mark.parametrize('node', NODES)
+@pytest.mark.usefixtures('domain')
+def test_a_node_without_compiler_and_libraries_refuses_to_start(ahead, node):
+    env, cache = ahead
+    command = [sys.executable, '-m', node]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=env)
+    assert done.returncode == os.EX_CONFIG
+    last = done.stderr.splitlines()[-1]
+    assert f'no C compiler for {NODES[node]}, and no library of it is in {cache}: ' in last
+    assert 'MPCC_CACHE_DIR' in last

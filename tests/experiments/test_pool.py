@@ -5,11 +5,10 @@ import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from dask_cluster import Cluster
-from wait_until import wait_until
+from wait_until import lives, wait_until
 
 from bags.errors import BagError
 from experiments.pool import Pool
@@ -61,14 +60,6 @@ def kept(tmp_path_factory):
     with Cluster(tmp_path_factory.mktemp('kept') / 'cluster') as one:
         one.start_worker()
         yield one
-
-
-def lives(pid):
-    """Tell whether a process is there and no zombie."""
-    try:
-        return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] != 'Z'
-    except FileNotFoundError:
-        return False
 
 
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGINT])

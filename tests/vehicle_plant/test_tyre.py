@@ -238,3 +238,27 @@ def test_right_hand_tyre_is_the_mirror_image():
     left = tyre.force(contact(point), TYRES['all terms'], ONES)
     mirror = contact(point)._replace(tan_alpha=-np.tan(0.05), gamma=-0.02)
     assert tyre.mirrored_force(mirror, TYRES['all terms'], ONES) == (left.Fx, -left.Fy)
+
+
+@pytest.mark.parametrize(
+    ('name', 'Fz', 'Ky', 'right', 'left', 'braking'),
+    [
+        ('tyre_205_60r15.yaml', 2500.0, 32.3e3, 1.098, 0.990, 1.224),
+        ('tyre_205_60r15.yaml', 6500.0, 57.7e3, 0.929, 0.869, 1.187),
+        ('tyre_book.yaml', 2500.0, 34.2e3, 1.019, 1.019, 1.037),
+        ('tyre_book.yaml', 6500.0, 58.7e3, 0.969, 0.969, 0.937),
+        ('tyre_245_40r18.yaml', 2500.0, 49.7e3, 1.155, 1.074, 1.234),
+        ('tyre_245_40r18.yaml', 6500.0, 84.6e3, 0.962, 0.900, 1.067),
+    ],
+)
+def test_stiffness_and_peaks_fall_with_load_as_published(name, Fz, Ky, right, left, braking):
+    at_rest = Contact(Fz, 0.0, 0.0, 0.0, 1.0, PRESSURE)
+    assert -tyre.stiffness(at_rest, TYRES[name], ONES).Ky == pytest.approx(Ky, rel=2e-3)
+    slip = np.linspace(-0.6, 0.6, 2401)
+    rest, ones = np.zeros_like(slip), np.ones_like(slip)
+    side = np.array([Fz * ones, rest, slip, rest, ones, PRESSURE * ones])
+    along = np.array([Fz * ones, slip, rest, rest, ones, PRESSURE * ones])
+    mu_y = forces(side, ONES, TYRES[name])[1] / Fz
+    mu_x = forces(along, ONES, TYRES[name])[0] / Fz
+    assert (mu_y.max(), -mu_y.min()) == pytest.approx((right, left), abs=2e-3)
+    assert -mu_x.min() == pytest.approx(braking, abs=8e-3)

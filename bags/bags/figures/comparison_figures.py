@@ -176,17 +176,17 @@ def draw_figure(
     name: str, runs: Sequence[EvaluatedDrive], title: str, overlays: Sequence[Overlay] = ()
 ) -> Figure:
     """Return a figure of ALL, with the overlays: the sheet under a title, or a panel."""
-    height = SHEET_WIDTH * road_aspect(runs)
     with mpl.rc_context(style.RC):
         if name != SHEET:
             size = PANEL_SIZE
             if name == TRAJECTORIES:
-                size = SHEET_WIDTH, min(max(height + 1.2, 3.0), SHEET_WIDTH)
+                height = SHEET_WIDTH * road_aspect(runs) + 1.2
+                size = SHEET_WIDTH, min(max(height, 3.0), SHEET_WIDTH)
             figure = Figure(figsize=size, layout='constrained')
             shown = _draw(name, figure.add_subplot(), runs, overlays)
             _legend(figure, runs, (name,), shown)
             return figure
-        top = min(max(height + 0.5, 2.4), 8.0)
+        top = min(max(SHEET_WIDTH * road_aspect(runs) + 0.5, 2.4), 8.0)
         figure = style.new_sheet((SHEET_WIDTH, top + 8.6), title)
         grid = figure.add_gridspec(1 + len(ROWS), 1, height_ratios=[top, *(3.3 for _ in ROWS)])
         _draw(TRAJECTORIES, figure.add_subplot(grid[0]), runs, overlays)

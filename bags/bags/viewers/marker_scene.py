@@ -85,7 +85,8 @@ def vehicle_shapes(
 
     `why` are the values of /controller/why; an axle of which they have no finite use has no bar.
     """
-    pose, edge = (state.X, state.Y, state.psi), geometry.Outline(*vars(outline).values())
+    pose = state.X, state.Y, state.psi
+    edge = geometry.Outline(outline.front_m, outline.rear_m, outline.width_m)
     corners = scene.car_shapes(*pose, edge)[0].points
     size = (outline.front_m + outline.rear_m, outline.width_m, CAR_HEIGHT_M)
 

@@ -26,7 +26,8 @@ def counts(rows: Rows) -> dict[tuple[str, str], tuple[int, int]]:
     """
     kept = ('controller', 'survived', 'error')
     frame = pandas.DataFrame(
-        [{'family': family_of(row)} | {n: row[n] for n in kept} for row in rows]
+        [{'family': family_of(row)} | {n: row[n] for n in kept} for row in rows],
+        columns=('family', *kept),
     )
     if frame['family'].nunique() > 1:
         frame = pandas.concat([frame, frame.assign(family=ALL)])
@@ -39,7 +40,7 @@ def counts(rows: Rows) -> dict[tuple[str, str], tuple[int, int]]:
 def build_table(rows: Rows) -> Table:
     """Return survived of driven per family and controller, with Wilson's interval of 95 %."""
     by_pair = counts(rows)
-    families, controllers = (list(dict.fromkeys(names)) for names in zip(*by_pair))
+    families, controllers = (list(dict.fromkeys(pair[k] for pair in by_pair)) for k in (0, 1))
     table = Table(box=None, padding=(0, 2, 0, 0))
     table.add_column('survived')
     for controller in controllers:

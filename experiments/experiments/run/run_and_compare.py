@@ -49,7 +49,6 @@ def run(request: Request, console: Console) -> int:
     starts, and Interrupted, which names the bags kept, after a signal. No process is left behind in
     any case.
     """
-    # refused before a scenario loads SciPy
     given, controllers, scn = _read(request)
     if scn.expect:
         # imported late: it loads the metrics

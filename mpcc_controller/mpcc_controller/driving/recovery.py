@@ -41,8 +41,6 @@ from msgs_yaml.types import VehicleState
 
 LEAST_MPS = 3.0  # a slower car does not slide: it is braked
 STEER_LAG_S = 0.052  # of a car whose lag is not in the model
-
-
 SLIDES_RAD = 0.12  # sideslip of a car that slides
 SLIDES = 0.94  # rear slip of one, share of that of full sliding
 HOLDS = 0.7  # of both, below which a sliding car slides no more

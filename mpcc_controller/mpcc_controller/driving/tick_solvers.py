@@ -147,7 +147,7 @@ class TickSolvers:
         solution that may not be driven is dropped.
         """
         chosen, limit_s = self._chosen(problem), self.prediction.params.solver.time_limit_s
-        refreshes = 0
+        refreshes, is_limited = 0, False
         try:
             while refreshes < MOST_REFRESHES and self.is_usable(first):
                 moved = np.abs(first.plan.X[:, THETA] - problem.guess_map.X[:, THETA])
@@ -155,6 +155,7 @@ class TickSolvers:
                 if np.max(moved) <= REFRESH_FROM_M or (self.limit_time and remaining_s <= 0):
                     break
                 if self.limit_time:
+                    is_limited = True
                     chosen.set_time_limit(remaining_s)
                 again = self.prediction.build_problem(
                     problem.x0, problem.scene, first.plan, problem.car, problem.sliding
@@ -166,7 +167,7 @@ class TickSolvers:
                     break
                 problem, first = again, _with_effort_of(solution, (first, solution))
         finally:
-            if self.limit_time and refreshes:
+            if is_limited:
                 chosen.set_time_limit(limit_s)
         return problem, first, refreshes
 

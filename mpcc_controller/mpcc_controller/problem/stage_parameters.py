@@ -38,9 +38,8 @@ class StageParameters(NamedTuple):
 
     stages: Any  # the parameters of a stage as the formulation names them, each leaf (N + 1,)
     P: np.ndarray  # (N + 1, np), the same as a matrix
-    obstacles: tuple[
-        PredictedObstacle, ...
-    ]  # those in the problem, in the order of `stages.obstacles`
+    # those in the problem, in the order of `stages.obstacles`
+    obstacles: tuple[PredictedObstacle, ...]
 
 
 def car(params: ControllerParams, vehicle: CarParams) -> Car:

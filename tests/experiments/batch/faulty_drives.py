@@ -2,10 +2,11 @@
 
 import os
 import signal
+from pathlib import Path
 
 from experiments import drive_row
 
-CRASHES, ENDS, RAISES = 0.5, 0.6, 0.8  # friction of the road
+CRASHES, ENDS, HANGS, RAISES = 0.5, 0.6, 0.7, 0.8  # friction of the road
 
 
 def drive_or_fail(setup):
@@ -16,4 +17,14 @@ def drive_or_fail(setup):
         os._exit(7)
     if setup.friction == RAISES:
         raise ZeroDivisionError('nothing\nto divide by')
+    while setup.friction == HANGS:
+        signal.pause()
     return drive_row.drive(setup)
+
+
+def drive_and_edit(setup, file, old, new):
+    """Simulate, then replace a text in a file."""
+    results = drive_row.drive(setup)
+    path = Path(file)
+    path.write_text(path.read_text().replace(old, new))
+    return results

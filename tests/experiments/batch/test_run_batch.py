@@ -21,6 +21,7 @@ from experiments.drive_records import DriveRecords
 from experiments.drive_row import Row
 
 TIMEOUT_S = 240.0
+LIMIT_S = 3.0  # of a drive that hangs
 # wall and processor times differ from drive to drive
 TIMES = ('wall_s', 'cpu_s', 'solve_ms.', 'solve_cpu_ms.', 'solver.time_')
 FILLING = """
@@ -41,8 +42,8 @@ def read_rows(folder):
     return [{n: value for n, value in row.items() if not n.startswith(TIMES)} for row in rows]
 
 
-def run(study, folder, **more):
-    options = {'study': study, 'out': folder, 'jobs': 1, 'dask': '', 'time_limit_s': TIMEOUT_S}
+def run(study, folder, limit_s=TIMEOUT_S, **more):
+    options = {'study': study, 'out': folder, 'jobs': 1, 'dask': '', 'time_limit_s': limit_s}
     return run_batch.run(Namespace(**options), Console(quiet=True), **more)
 
 
@@ -225,3 +226,12 @@ def test_a_file_that_cannot_grow_is_an_error_and_keeps_the_records_before(tmp_pa
         assert [key for key in 'abcdefgh' if key in records] == ['a', 'b']
         assert records.damaged == 1
         assert records.path.stat().st_size < 100
+
+
+def test_a_drive_that_hangs_costs_its_row_and_is_tried_again(write_study, tmp_path):
+    # alone: what a drive that does not hang may take depends on what else the machine does
+    study = write_study(set={'plant.friction': [faulty_drives.HANGS]}, runs=1)
+    assert run(study, tmp_path, LIMIT_S, drive=faulty_drives.drive_or_fail) == 1
+    assert [row['error'] for row in read_rows(tmp_path)] == ['its process was ended after 3 s']
+    assert run(study, tmp_path) == 0
+    assert [row['completed'] for row in read_rows(tmp_path)] == [True]

@@ -65,3 +65,15 @@ def test_following_a_braking_car_is_possible_where_two_point_masses_do_not_meet(
     given_ = (speed, theirs, slow, deceleration)
     assert feasibility.can_follow_braking(*given_, needed + 0.15, 1.0)
     assert not feasibility.can_follow_braking(*given_, needed - 0.15, 1.0)
+
+
+@QUICK
+@given(time=st.floats(0.2, 3.0), friction=frictions)
+def test_lateral_shifts_are_those_of_a_point_mass(time, friction):
+    t = max(0.0, time - feasibility.DELAY_S)
+    a, half = GRIP * friction, t / 2
+    assert feasibility.lateral_shift(time, friction) == pytest.approx(a * t * half)
+    # to one side for half of the time, to the other for the rest: parallel at the end
+    first = a * half**2 / 2
+    there = first + a * half * half - a * half**2 / 2
+    assert feasibility.lateral_shift_and_back(time, friction) == pytest.approx(there)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from mpcc_controller.driving.actuator_monitor import (
+    FAULT,
     FORCE,
     LEAD_RAD,
     STEER,
@@ -15,6 +16,7 @@ from mpcc_controller.driving.actuator_monitor import (
     ActuatorState,
 )
 from mpcc_controller.driving.delay_compensation import SetpointRamp, constant_ramp
+from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
 from msgs_yaml.types import Actuators
 
@@ -167,3 +169,16 @@ def test_a_driving_force_is_not_asked_for_beyond_the_plan(plan):
     """A driver brakes: the car does not drive against that."""
     plan.begin_with(FORCE, force=-6000.0)
     assert plan.target((0.0, 2000.0), REST).Fx == 0.0
+
+
+def test_a_fault_is_reported_and_the_plan_begins_where_the_steering_is(controller, world):
+    for k in range(1, 8):
+        x = world.rolling(X=10.0 + k, stamp_ns=k * TICK)
+        record = controller.step(TickInputs(x, actuators=message(k * TICK, 0.04)))
+        values = controller.report(record)[1].values
+        assert values.get(FAULT) == (STEER if k >= 5 else None)
+        assert values['actuators.age_ms'] == 0.0
+    assert 0.02 < values['actuators.steer_error_rad'] <= 0.08
+    assert record.decision.plan.X[0][-2] == record.x0.delta == values['set_point.delta'] == 0.04
+    *_, why = world.tick(controller, world.rolling(X=18.0, stamp_ns=20 * TICK))
+    assert not [name for name in why.values if name.startswith('actuators')]

@@ -464,3 +464,12 @@ def test_late_candidates_are_dropped_the_first_way_last_then_the_plan_that_brake
     assert list(planner._build(*arguments, parts.clock(), parts)) == built
     parts.limit_time = False
     assert len(planner._build(*arguments, parts.clock(), parts)) == 3
+
+
+def test_a_solver_that_fails_after_the_command_costs_the_guess_only(explorer, world, monkeypatch):
+    pop_up(explorer, BESIDE, FAR)
+    solves = explorer.parts.solvers.parallel
+    failing = [world.ModifiedSolver(solver, explode) for solver in solves.solvers]
+    monkeypatch.setattr(solves, 'solvers', failing)
+    assert [why.values['rung'] for why in roll(explorer, world, 2)] == [SOLVED, SOLVED]
+    assert explorer.memory.candidacy.kept == ()

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from mpcc_controller.driving import planner, setpoints
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.delay_compensation import expected_delay
-from mpcc_controller.driving.records import TickInputs
+from mpcc_controller.driving.records import Arrival, TickInputs
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
@@ -313,3 +313,38 @@ def test_the_target_of_a_plan_is_the_end_of_its_first_step(params, car):
     target = setpoints.target_of_plan(Plan(X, U), car, params.limits)
     command = setpoints.command_to(target, Setpoints(0.0, 0.0), car, 0.05, 7)
     assert command == pytest.approx((7, 0.02, 0.4, -550.0, -450.0))
+
+
+def mirrored(situation):
+    flip = np.array([1, -1])
+    reference, edges, obstacles = situation
+    return situation._replace(
+        reference=reference._replace(Y=-reference.Y, psi=-reference.psi),
+        edges=edges._replace(left=edges.right * flip, right=edges.left * flip),
+        obstacles=Obstacles(0, tuple(o._replace(Y=-o.Y) for o in obstacles.items)),
+    )
+
+
+def test_a_mirrored_road_mirrors_the_steering(either, world):
+    situation = world.lane_change()
+    state = world.rolling(X=25.0, psi=0.02, vy=0.1, r=0.05)
+    world.set_inputs(either, situation)
+    here, plan, why = world.tick(either, state)
+    assert 0.3 < why.values['friction.front_max'] < 1.02
+    assert why.values['friction.rear_max'] < 1.02
+    world.set_inputs(either, mirrored(situation))
+    there, other, _ = world.tick(either, state._replace(psi=-0.02, vy=-0.1, r=-0.05))
+    assert np.max(np.abs(plan.Y)) > 1
+    assert pytest.approx(-plan.Y, abs=1e-4) == other.Y
+    assert there.delta == pytest.approx(-here.delta, abs=1e-5)
+    assert there.Fxf + there.Fxr == pytest.approx(here.Fxf + here.Fxr, abs=1.0)
+
+
+def test_times_of_receiving_and_publishing_are_reported_where_they_are_known(controller, world):
+    *_, why = world.tick(controller, world.rolling(stamp_ns=TICK))
+    assert not {'time.publish_ms', 'time.heard_ns', 'time.wait_ms'} & why.values.keys()
+    known = {'arrival': Arrival(received_ns=77, wait_s=0.002), 'publish_s': 0.004}
+    *_, why = world.tick(controller, world.rolling(X=1.0, stamp_ns=2 * TICK), **known)
+    times = [why.values[f'time.{name}'] for name in ('heard_ns', 'wait_ms', 'publish_ms')]
+    assert times == pytest.approx([77, 2.0, 4.0])
+    assert not conformance.check('/controller/why', encode.why(why))

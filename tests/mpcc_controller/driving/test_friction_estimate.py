@@ -252,3 +252,9 @@ def test_braking_without_a_plan_probes_a_little_beyond_the_belief(
     assert car[:] == pytest.approx(
         nominal._replace(mu_f=braked_with * nominal.mu_f, mu_r=braked_with * nominal.mu_r)
     )
+
+
+@pytest.mark.parametrize('friction', [0.4, 0.55])
+def test_braking_beyond_the_friction_tells_it(drive, estimator_, friction):
+    frictions = estimator_().frictions(drive(friction, braking()))
+    assert frictions[-1] == pytest.approx(friction, abs=0.1)

@@ -155,6 +155,23 @@ def test_refreshing_ends_with_the_time_of_the_solver(world, limit_s, solves):
     assert solver.limits[-1:] == ([limit_s] if solves > 1 else [])
 
 
+def test_an_error_in_a_refresh_gives_the_solver_its_time_back(world):
+    def fail(solution):
+        raise ArithmeticError
+
+    controller = Controller(*world.load(surroundings__arcs='refreshed'), True, world.Clock())
+    world.set_inputs(controller, world.lane_change(v=12.0))
+    solver = world.ModifiedSolver(controller.parts.solvers.followed)
+    solver.modify = lambda solution: fail(solution) if solver.limits else solution
+    solver.limits = []
+    solver.set_time_limit = solver.limits.append
+    controller.parts.solvers.followed = solver
+    controller.step(TickInputs(world.rolling(v=24.0, X=30.0)))
+    limit_s = controller.parts.params.solver.time_limit_s
+    assert len(solver.limits) == 2
+    assert solver.limits[-1] == limit_s
+
+
 # the brake split
 
 

@@ -131,3 +131,8 @@ def test_in_lockstep_no_input_ages_and_health_comes_with_the_steps_of_each_secon
     assert (first.stamp_ns, second.message) == (S, MESSAGES[ERROR])
     counts = {'rung.braking': 1, 'rung.shifted': 19, 'rung.solved': 1, 'gate.rejections': 3}
     assert second.values == counts
+
+
+def test_the_state_is_named_first_when_several_inputs_are_stale(realtime):
+    assert realtime.fault(9 * S) == 'state_stale'
+    assert realtime.describe(9 * S).count('limit') == len(LIMITS)

@@ -256,3 +256,11 @@ def test_a_moving_obstacle_moves_along_the_path_and_a_resting_one_stays():
     assert moving.e == pytest.approx(np.full(51, 1.5), abs=1e-3)
     resting = frenet_frame.disc_to_frenet(circle(), Disc(0 * t + X[0], 0 * t + Y[0], 1.0), 30.0)
     assert resting.s == pytest.approx([30.0], abs=1e-3)
+
+
+def test_a_long_segment_is_found_although_its_ends_are_far():
+    X, Y = np.array([0.0, 100.0, 110.0, 110.0, 50.0]), np.array([0.0, 0.0, 10.0, 30.0, 40.0])
+    psi, t = np.array([0.0, 0.1, 1.2, 1.9, 3.0]), np.array([0.0, 5.0, 6.0, 7.0, 9.0])
+    path = reference_path.build(Reference(0, X, Y, psi, t))
+    point = frenet_frame.to_frenet(path, np.array([50.0]), np.array([1.0]), 40.0)
+    assert point.s[0] == pytest.approx(50.0, abs=5.0)

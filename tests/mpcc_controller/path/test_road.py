@@ -151,3 +151,14 @@ def test_an_edge_that_is_no_line_is_rejected_and_its_side_named(side, points):
     sides = {'left': line, 'right': line} | {side: points}
     with pytest.raises(EdgeError, match=f'the {side} edge'):
         road(**sides)
+
+
+@pytest.mark.parametrize('along', [-5000.0, -200.0, 200.0, 1500.0])
+def test_past_its_ends_an_edge_is_the_same_straight_line(along):
+    direction, across = np.array([0.8, 0.6]), np.array([-0.6, 0.8])
+    X, Y = along * direction + 1.0 * across
+    sides = (np.outer((0.0, 10.0), direction) + n * across for n in (3.0, -3.0))
+    edges = road_edges.edges_near(road(*sides), np.array([X]), np.array([Y]), 2.0)
+    assert (*edges.left.kappa, *edges.right.kappa) == pytest.approx((0.0, 0.0), abs=1e-9)
+    to_left, to_right = distance.v2e(Circle(X, Y, 1.1), edges)
+    assert (to_left[0], to_right[0]) == pytest.approx((0.9, 2.9), abs=1e-6)
