@@ -34,7 +34,7 @@ RUN apt-get update && rosdep update --rosdistro jazzy \
     && rosdep install --from-paths src --ignore-src --rosdistro jazzy -y \
       --skip-keys 'casadi-pip python3-bokeh-pip' \
     && rm -rf /var/lib/apt/lists/*
-RUN pip install casadi mcap zstandard lz4 scipy optuna cmaes distributed pyarrow rich 'numpy<2' \
+RUN pip install casadi mcap zstandard lz4 scipy cmaes distributed pyarrow rich 'numpy<2' \
       matplotlib bokeh jinja2 pandas scikit-learn
 
 COPY msgs_yaml src/msgs_yaml

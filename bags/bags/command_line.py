@@ -72,8 +72,8 @@ def main(
         missing = str(error.name).partition('.')[0]
         if missing in provenance.PACKAGES:
             raise
-        text = f'error: {program} needs {missing} for this: `make studies`, or pip, installs it'
-        print(text, file=sys.stderr)
+        text = f'{program} needs the module {missing} for this: `make studies`, or pip, installs it'
+        print(f'error: {text}', file=sys.stderr)
         return 1
     except (BagError, ParameterError, OSError) as error:
         text = str(error)

@@ -15,7 +15,7 @@ Analyse
     survivable         which emergencies any driver can survive
     decisive           the study of tuned controllers: estimands, verdicts, figures
     settings_study     the published shares of the study over many settings
-    tuning             controller weights by Bayesian optimisation
+    tuning             controller weights by the search of the study
 Common
     cli, commands      the command `experiments`
     drive_row          one drive: scenario, controller, settings, start offset; its key and results

@@ -44,7 +44,7 @@ COMMAND = re.compile(r'\b(bags|experiments) ([a-z]+(?:-[a-z]+)?)\b')
 IMPORT = re.compile(r'^ *from ([\w.]+) import (\([^)]*\)|.*)', re.MULTILINE)
 WORD = re.compile(r'[a-z]\w{2,}')
 THIS = 'tests/docs/test_pages.py'
-SHIPPED = ('bags/reference', 'experiments/config', 'paper/picture', 'paper/settings')
+SHIPPED = ('bags/reference', 'experiments/config', 'paper/picture', 'paper/settings', 'paper/study')
 # why a block is not run, and in how many blocks
 ONLY_THE_READER = {
     'another page drives on the wall clock': 1,
@@ -64,7 +64,11 @@ exec {python} {runner} $file "$@"
 PRELUDE = """
 experiments() {
     case "$*" in
-    'tune '*) set -- "$@" --trials 1 1 --jobs 1;;
+    'tune '*)
+        mkdir few
+        sed -E 's/points: [0-9]+, tasks: [0-9]+/points: 2, tasks: 1/; s/count: 10/count: 1/
+            s/^judged_tasks:.*/judged_tasks: 2/' paper/study/study.yaml > few/study.yaml
+        set -- "$@" --plan few --jobs 1;;
     'library '*) set -- "$@" --draws 1 --jobs 1;;
     'batch experiments/config/'*)
         sed 's/^runs: .*/runs: 1/' "$2" > one_run.yaml
@@ -224,7 +228,7 @@ def test_blocks_that_only_the_reader_can_run_are_counted():
         ('docs/howto/commands.md', 'vehicle_plant/vehicle_plant/identify.py', True),
         ('docs/howto/commands.md', 'scenario_publisher/scenarios/circle_50m.yaml', False),
         ('docs/howto/launch.md', 'experiments/launch/closed_loop.launch.py', True),
-        ('docs/howto/launch.md', 'experiments/experiments/tuning/tune.py', False),
+        ('docs/howto/launch.md', 'experiments/experiments/tuning.py', False),
         ('docs/quickstart.md', 'requirements-studies.txt', True),
         ('docs/howto/python.md', 'bags/bags/run.py', True),
         ('docs/howto/python.md', 'mpcc_controller/mpcc_controller/driving/choose.py', False),

@@ -10,7 +10,7 @@ import pytest
 import bags.cli
 import experiments.cli
 
-PLANT = ('bokeh', 'matplotlib', 'optuna', 'pandas', 'pyarrow', 'rclpy', 'scipy')
+PLANT = ('bokeh', 'matplotlib', 'pandas', 'pyarrow', 'rclpy', 'scipy')
 SLOW = (*PLANT, 'casadi')  # it takes 10 ms beside numpy
 SCRIPT = """
 import contextlib, io, sys

@@ -118,7 +118,8 @@ class TestBuilds:
         done = subprocess.run(tune, env=environment(), capture_output=True, text=True, timeout=240)
         assert done.returncode == 1
         assert done.stderr == (
-            'error: experiments needs optuna for this: `make studies`, or pip, installs it\n'
+            'error: experiments needs the module sklearn for this: `make studies`, or pip, '
+            'installs it\n'
         )
 
     def test_what_colcon_installs_drives(self, colcon, empty, tmp_path):

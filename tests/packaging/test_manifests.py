@@ -28,7 +28,6 @@ ROSDEP_KEYS = {
     'matplotlib': 'python3-matplotlib',
     'mcap': None,
     'numpy': 'python3-numpy',
-    'optuna': None,
     'PIL': 'python3-pil',
     'pandas': 'python3-pandas',
     'pyarrow': None,

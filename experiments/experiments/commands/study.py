@@ -8,6 +8,7 @@ recompute  every published share of the first study
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
@@ -51,14 +52,14 @@ def run(options: argparse.Namespace) -> int:
     elif options.part == 'decide':
         from experiments.decisive import report
 
-        report.write(_plan(folder), folder, out, console)
+        report.write(read_plan(folder), folder, out, console)
     else:
         from experiments import code_version
         from experiments.decisive import run as study
         from experiments.pool import Pool
         from experiments.progress import CountProgress
 
-        plan = _plan(folder)
+        plan = read_plan(folder)
         with (
             CountProgress(console) as progress,
             Pool(options.jobs, options.dask, code_version.describe) as pool,
@@ -67,7 +68,8 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _plan(folder):
+def read_plan(folder: Path) -> dict[str, Any]:
+    """Return the plan of a study. Raises BagError for a folder without it."""
     import yaml
 
     # imported late: controllers take a second to load

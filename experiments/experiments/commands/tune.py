@@ -1,70 +1,45 @@
-"""Tune the weights of a controller on the double lane change by Bayesian optimisation."""
+"""Tune the weights of a controller on drawn double lane changes, as the study does."""
 
 import argparse
 from pathlib import Path
 
 from rich.console import Console
 
-from bags.command_line import add_out
-from experiments.commands import add_jobs, add_list, positive_count, positive_number
+from bags.command_line import add_out, print_paths, print_text
+from experiments.commands import add_dask, add_jobs
 
 HELP = 'tune the weights of a controller'
-EXAMPLE = 'experiments tune mpcc --trials 16 16 --out /tmp/tuning'
-OUT = Path('paper', 'tuning')
-TRIALS = (64, 64)
+EXAMPLE = 'experiments tune mpcc --out /tmp/tuning'
+OUT = Path('build', 'tuning')
 SEED = 1
-TRACKING_M = 0.3  # the untuned controllers stay below it
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments tune`."""
     parser.add_argument('controller', metavar='CONTROLLER', help='a name, or a YAML file')
-    parser.add_argument(
-        '--trials',
-        type=positive_count,
-        nargs=2,
-        default=TRIALS,
-        metavar=('N1', 'N2'),
-        help=f'sets of weights of stage 1, wide, and 2, narrow (default: {TRIALS[0]} {TRIALS[1]})',
-    )
-    parser.add_argument(
-        '--tracking',
-        type=positive_number,
-        default=TRACKING_M,
-        metavar='M',
-        help='bound on the rms distance from the coarse path; a large one leaves it free '
-        f'(default: {TRACKING_M} m)',
-    )
+    parser.add_argument('--plan', type=Path, metavar='DIR', help='of ranges, cost and budget')
     parser.add_argument('--seed', type=int, default=SEED, help=f'of the search (default: {SEED})')
     add_jobs(parser, 'the result')
-    content = '<controller>/ with the history; a search in that folder is continued'
-    add_out(parser, OUT, content)
-    parser.add_argument(
-        '--write',
-        type=Path,
-        metavar='DIR',
-        help='receives <controller>_tuned.yaml (default: DIR of the history)',
-    )
-    text = 'another controller that gets the tuned tolerances and keeps its priorities'
-    add_list(parser, '--also', text, metavar='C')
+    add_dask(parser)
+    add_out(parser, OUT, '<controller>/; a search in that folder is continued')
 
 
 def run(options: argparse.Namespace) -> int:
-    """Tune and show. Raises BagError."""
-    from experiments.tuning import problem, tune, weight_search
+    """Tune and show; return 0. Raises BagError."""
+    # imported late: controllers and pandas take a second to load
+    from experiments import code_version, tuning
+    from experiments.commands import study
+    from experiments.pool import Pool
+    from experiments.progress import CountProgress
 
-    folder = options.out / Path(options.controller).stem
-    plan = weight_search.SearchPlan(
-        options.controller,
-        options.seed,
-        tuple(options.trials),
-        tune.RANDOM,
-        tune.BATCH,
-        problem.CONDITIONS,
-        options.tracking,
-    )
     console = Console()
-    controllers = options.write or folder
-    result = tune.tune(plan, options.jobs, folder, controllers, options.also, console)
-    tune.show(result, console)
+    plan = study.read_plan(options.plan or study.KEPT['run'])
+    folder = options.out / Path(options.controller).stem
+    with (
+        CountProgress(console) as progress,
+        Pool(options.jobs, options.dask, code_version.describe) as pool,
+    ):
+        tuned = tuning.tune(plan, options.controller, options.seed, folder, pool, progress)
+    print_text(console, tuning.as_table(tuned).to_string(index=False))
+    print_paths(console, {'controller': tuned.file, 'history': tuned.history})
     return 0

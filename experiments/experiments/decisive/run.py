@@ -12,7 +12,7 @@ picture.parquet  the draws from which the nearest to the paper's picture are tak
 import json
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -73,11 +73,13 @@ def replicate(plan: Plan, number: int, folder: Path, pool: Pool, progress: Count
     begin_s = time.monotonic()
     with DriveRecords(folder) as records:
         driver = Driver(records, pool, progress)
-        tuned, trials = _search_all(plan, number, driver)
+        seed = plan['seeds']['training'] + number
+        trials = {arm: search_arm(plan, arm, seed, driver) for arm in plan['tuned']}
+        tuned = {arm: points[-1] for arm, points in trials.items()}
         _judge(plan, number, {arm: trial.weights for arm, trial in tuned.items()}, driver)
     frames = {
-        'tuned': _as_frame((arm, trial) for arm, trial in tuned.items()),
-        'trials': _as_frame((arm, trial) for arm, points in trials.items() for trial in points),
+        'tuned': as_frame((arm, trial) for arm, trial in tuned.items()),
+        'trials': as_frame((arm, trial) for arm, points in trials.items() for trial in points),
         'drives': pd.DataFrame(driver.lines),
     }
     for name, frame in frames.items():
@@ -90,16 +92,20 @@ def replicate(plan: Plan, number: int, folder: Path, pool: Pool, progress: Count
     )
 
 
-def _search_all(plan, number, driver):
-    """Return the winner of each tuned arm and all of its trials."""
-    winners, trials = {}, {}
-    seed = plan['seeds']['training'] + number
-    for arm in plan['tuned']:
-        drive = partial(_costs, plan, arm, seed, driver)
-        names = arms.tuned_parameters(plan, arm)
-        trials[arm] = search.search(plan['search']['ranges'], names, plan['search'], seed, drive)
-        winners[arm] = trials[arm][-1]
-    return winners, trials
+def search_arm(plan: Plan, arm: str, seed: int, driver: Driver) -> list[search.Trial]:
+    """Return the trials of the search for the weights of an arm; the last is the recommended one.
+
+    `plan` describes the arm under `tuned`; drives are kept by the driver.
+    """
+    names = arms.tuned_parameters(plan, arm)
+    drive = partial(_costs, plan, arm, seed, driver)
+    return search.search(plan['search']['ranges'], names, plan['search'], seed, drive)
+
+
+def as_frame(trials: Iterable[tuple[str, search.Trial]]) -> pd.DataFrame:
+    """Return trials of arms as a table."""
+    frame = pd.DataFrame({'arm': arm, **t._asdict(), **t.weights} for arm, t in trials)
+    return frame.drop(columns='weights')
 
 
 def _costs(plan, arm, seed, driver, points, begin, end):
@@ -143,11 +149,6 @@ def _judge(plan, number, tuned, driver):
     both = [index for index in range(total) if avoided['mpcc'][index] and avoided['frenet'][index]]
     for arm in arms.combinations(plan):
         driver.drive(rows(arm, both[: plan['factorial_tasks']]), judged=True)
-
-
-def _as_frame(trials):
-    frame = pd.DataFrame({'arm': arm, **t._asdict(), **t.weights} for arm, t in trials)
-    return frame.drop(columns='weights')
 
 
 def _collect(folder, name, count):
