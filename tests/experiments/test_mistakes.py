@@ -357,7 +357,7 @@ def drives(tmp_path):
             'plot drives --by speed --by controller --surface',
             '--by controller: a surface needs numbers',
         ),
-        ('tune mpcc_no_ca --out x', 'priorities.obstacle is 0'),
+        ('tune mpcc --plan sub --out x', 'study.yaml: No such file or directory'),
         ('replay-check sub', 'sub'),
     ],
 )
