@@ -17,7 +17,8 @@ SEED = 1
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments tune`."""
     parser.add_argument('controller', metavar='CONTROLLER', help='a name, or a YAML file')
-    parser.add_argument('--plan', type=Path, metavar='DIR', help='of ranges, cost and budget')
+    text = 'with the plan that has ranges, cost and budget (default: paper/study)'
+    parser.add_argument('--plan', type=Path, metavar='DIR', help=text)
     parser.add_argument('--seed', type=int, default=SEED, help=f'of the search (default: {SEED})')
     add_jobs(parser, 'the result')
     add_dask(parser)

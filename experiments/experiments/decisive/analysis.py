@@ -49,7 +49,7 @@ LATENCIES = ('0 ms', '25 ms', '50 ms', 'compensated')
 HIGH, LOW, LATENCY = 'friction believed 5 % too high', '5 % too low', '25 ms of latency'
 KNOWN_LATENCY = '50 ms, in its model with the servos'
 POINTS = 'points'
-LIMIT_SHARE = 0.9  # of the tasks, avoided at the limit demand S90; tuned arms avoid half of any S
+LIMIT_SHARE = 0.9  # of the tasks, avoided at the limit demand S90; most arms avoid half at any S
 
 
 class Row(NamedTuple):
