@@ -59,7 +59,7 @@ ROAD = Path(__file__).parent / 'scenarios/soak.yaml'
 class Look(NamedTuple):
     """What a process holds."""
 
-    memory_mb: float
+    memory_mb: float  # resident and anonymous: the pages of libraries come and go with the system
     files: int
     threads: int
 
@@ -68,8 +68,8 @@ def look(pid: int) -> Look | None:
     """Return what a process holds, None when it has just ended."""
     try:
         process = psutil.Process(pid)
-        memory_mb = process.memory_info().rss / 1e6
-        return Look(memory_mb, process.num_fds(), process.num_threads())
+        memory = process.memory_info()
+        return Look((memory.rss - memory.shared) / 1e6, process.num_fds(), process.num_threads())
     except psutil.Error:
         return None
 
