@@ -5,6 +5,8 @@ from random import Random
 from experiments.families import feasibility
 from experiments.families.scenario_document import (
     Document,
+    arc,
+    clothoid,
     disc,
     document,
     either_side,
@@ -42,18 +44,18 @@ def _bend(random, hard, side, name):
     left_over = FRICTION * (1.0 - share**2) ** 0.5
     if not hard and not feasibility.can_pass_or_stop(speed, ahead_s, size, offset, left_over):
         return None
-    lead_in, clothoid = speed * 1.2, speed * 1.5
-    x = lead_in + clothoid + speed * into_s
-    arc = speed * into_s + max(15.0, 1.5 * speed)
-    length = lead_in + clothoid + arc + clothoid + speed
+    lead_in, into = speed * 1.2, speed * 1.5
+    x = lead_in + into + speed * into_s
+    turn = speed * into_s + max(15.0, 1.5 * speed)
+    length = lead_in + into + turn + into + speed
     kappa = 1.0 / radius
     segments = [
         straight(lead_in),
-        _clothoid(clothoid, 0.0, kappa),
-        {'arc': {'length_m': arc, 'curvature_1pm': kappa}},
-        _clothoid(clothoid, kappa, 0.0),
+        clothoid(into, 0.0, kappa),
+        arc(turn, kappa),
+        clothoid(into, kappa, 0.0),
     ]
-    segments.append(straight(max(length, finish(x, speed)) - lead_in - 2 * clothoid - arc))
+    segments.append(straight(max(length, finish(x, speed)) - lead_in - 2 * into - turn))
     parts = document(
         description=f'An obstacle {name} of a bend of {radius:.0f} m at {speed:.1f} m/s.',
         length=max(length, finish(x, speed)),
@@ -64,8 +66,3 @@ def _bend(random, hard, side, name):
         right=-HALF_ROAD,
     )
     return either_side(random, parts)
-
-
-def _clothoid(length, begin, end):
-    ends = {'start_curvature_1pm': begin, 'end_curvature_1pm': end}
-    return {'clothoid': {'length_m': length, **ends}}

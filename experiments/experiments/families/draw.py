@@ -17,7 +17,14 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from experiments.families import bends, lane_change_task, lane_course, open_road, slippery
+from experiments.families import (
+    bends,
+    lane_change_task,
+    lane_course,
+    open_road,
+    slippery,
+    traffic,
+)
 from experiments.families.scenario_document import Document, rounded
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
@@ -49,6 +56,17 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
             open_road.several_movers,
             open_road.three_in_sequence,
             open_road.stop_and_go,
+            traffic.bend_oncoming,
+            traffic.s_curve_oncoming,
+            traffic.narrow_road_oncoming,
+            traffic.truck_oncoming,
+            traffic.parked_and_oncoming,
+            traffic.slower_car_in_bend,
+            traffic.cyclist_in_bend,
+            traffic.crest,
+            traffic.roundabout_entry,
+            traffic.motorway_merge,
+            traffic.junction_crossing,
         )
     }
 )

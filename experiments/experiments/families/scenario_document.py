@@ -105,20 +105,31 @@ def straight(length: float) -> Block:
     return {'straight': {'length_m': length}}
 
 
+def arc(length: float, curvature: float) -> Block:
+    """Return an arc of a curvature [1/m]."""
+    return {'arc': {'length_m': length, 'curvature_1pm': curvature}}
+
+
+def clothoid(length: float, begin: float, end: float) -> Block:
+    """Return a clothoid between two curvatures [1/m]."""
+    ends = {'start_curvature_1pm': begin, 'end_curvature_1pm': end}
+    return {'clothoid': {'length_m': length, **ends}}
+
+
 def lane_change(length: float, offset: float) -> Block:
     """Return a lane change of a length straight ahead."""
     return {'lane_change': {'length_m': length, 'offset_m': offset}}
 
 
-def disc(station: float, offset: float, radius: float, **motion: float) -> Block:
+def disc(station: float, offset: float, radius: float, **motion: Any) -> Block:
     """Return an obstacle on the road; `motion` are further keys of the schema."""
     return {'station_m': station, 'offset_m': offset, 'radius_m': radius, **motion}
 
 
-def car(station: float, offset: float, speed: float = 0.0, **times: float) -> list[Block]:
+def car(station: float, offset: float, speed: float = 0.0, **motion: Any) -> list[Block]:
     """Return the discs of a car along the road, at a speed of either sign."""
     return [
-        disc(station + ahead, offset, CAR_RADIUS, along_mps=speed, **times) for ahead in CAR_DISCS
+        disc(station + ahead, offset, CAR_RADIUS, along_mps=speed, **motion) for ahead in CAR_DISCS
     ]
 
 

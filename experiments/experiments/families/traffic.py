@@ -1,0 +1,290 @@
+"""Other road users on roads that bend: they keep their lane, merge, cross or stand in the way.
+
+The road has a lane each way, and the coarse path is the middle of the own one. Who comes keeps its
+lane, so the car has nothing to avoid there: it has to stay in its own. Each function returns the
+document of one draw, None for one that cannot be mastered (nominal only).
+"""
+
+from random import Random
+from typing import NamedTuple
+
+from experiments.families import feasibility
+from experiments.families.scenario_document import (
+    CAR_DISCS,
+    CAR_RADIUS,
+    LANE,
+    LEFT,
+    Block,
+    Document,
+    arc,
+    car,
+    car_along,
+    clothoid,
+    disc,
+    document,
+    document_either_side,
+    either_side,
+    finish,
+    straight,
+    waypoint,
+)
+from scenario_publisher.schema import ALONG_ROAD
+
+FRICTION = 1.0
+RADII = (25.0, 300.0)  # m
+GRIP_SHARES = (0.1, 0.45)  # of the lateral acceleration that the friction allows
+SPEEDS = (7.0, 33.0)  # m/s
+CLOTHOID_S = 1.2  # of driving into a bend
+MOST_TURN = 2.4  # rad, of one bend
+CAR_BACK = 2.4  # m from the middle of another car to its bumpers
+# a truck and its trailer: 2.55 m wide and 17 m long
+TRUCK_RADIUS, TRUCK_DISCS = 1.65, tuple(2.1 * (k - 3.5) for k in range(8))
+
+
+class Road(NamedTuple):
+    """A straight, bends, and what is needed to place others on them."""
+
+    segments: list[Block]
+    speed: float  # m/s, desired
+    grip: float  # left over in the bends, as a friction
+    begin: float  # m, station at which the first bend has its full curvature
+    end: float  # m, at which the last one begins to end
+
+    def station(self, share: float) -> float:
+        """Return the station [m] at a share of the bends."""
+        return self.begin + share * (self.end - self.begin)
+
+
+def bend_oncoming(random: Random, hard: bool) -> Document | None:
+    """Return a car that comes in its own lane of a bend."""
+    return _oncoming(random, hard, bends=1)
+
+
+def s_curve_oncoming(random: Random, hard: bool) -> Document | None:
+    """Return a car that comes in its own lane of two bends in opposite directions."""
+    return _oncoming(random, hard, bends=2)
+
+
+def narrow_road_oncoming(random: Random, hard: bool) -> Document | None:
+    """Return a car that comes on a winding road with lanes of 2.6 to 2.9 m."""
+    return _oncoming(random, hard, bends=2, lane=random.uniform(2.6, 2.9))
+
+
+def truck_oncoming(random: Random, hard: bool) -> Document | None:
+    """Return a truck with a trailer that comes in its own lane of a bend."""
+    return _oncoming(random, hard, bends=1, who='A truck with a trailer')
+
+
+def _oncoming(random, hard, bends, lane=LANE, who='A car'):
+    road = _road(random, bends)
+    at, seen_s = road.station(random.uniform(0.1, 0.9)), _seen_s(random, hard, (2.5, 5.0))
+    speed, offset = random.uniform(0.7, 1.15) * road.speed, lane + random.uniform(-0.3, 0.3)
+    others = _comes(road, at, speed, offset, seen_s, who != 'A car')
+    return _two_lanes(random, road, f'{who} comes in its lane', at, others, lane)
+
+
+def parked_and_oncoming(random: Random, hard: bool) -> Document | None:
+    """Return a car that stands in the own lane of a bend, where another one comes."""
+    road = _road(random, shares=(0.1, 0.3))
+    at, seen_s = road.station(random.uniform(0.2, 0.8)), _seen_s(random, hard, (3.0, 5.0))
+    if not hard and not _can_stop(road, road.speed, road.speed * seen_s):
+        return None
+    parked = car(at, random.uniform(-1.3, -0.2), appears_at_s=_appears_s(road, at, seen_s))
+    meet, speed = at + random.uniform(-10.0, 30.0), random.uniform(0.6, 1.1) * road.speed
+    others = [*parked, *_comes(road, meet, speed, LANE, seen_s)]
+    text = 'A car stands in the lane of a bend, and another one comes'
+    return _two_lanes(random, road, text, at, others, extra_s=8.0)
+
+
+def crest(random: Random, hard: bool) -> Document | None:
+    """Return a car that stands behind a crest, where sight ends; in half of the draws one comes."""
+    road = _road(random, radii=(120.0, 300.0), shares=(0.05, 0.25))
+    at, sight_s = road.station(0.6), random.uniform(*((1.5, 2.5) if hard else (2.0, 3.5)))
+    if not hard and not _can_stop(road, road.speed, road.speed * sight_s):
+        return None
+    others = car(at, random.uniform(-1.0, 0.5), appears_at_s=_appears_s(road, at, sight_s))
+    if random.random() < 0.5:
+        # both approach: it comes into sight when half of the time is left
+        meet = at + random.uniform(0.0, 20.0)
+        others += _comes(road, meet, road.speed, LANE, sight_s / 2.0)
+    text = f'A car stands behind a crest, seen {sight_s:.2f} s ahead'
+    return _two_lanes(random, road, text, at, others, extra_s=8.0)
+
+
+def slower_car_in_bend(random: Random, hard: bool) -> Document | None:
+    """Return a slower car ahead in a bend; in half of the draws another one comes."""
+    return _ahead(random, hard, 'A slower car', (0.3, 0.7), (-0.3, 0.3))
+
+
+def cyclist_in_bend(random: Random, hard: bool) -> Document | None:
+    """Return a cyclist ahead in a bend; in half of the draws a car comes."""
+    return _ahead(random, hard, 'A cyclist', (0.25, 0.45), (-1.4, -0.6))
+
+
+def _ahead(random, hard, who, shares, offsets):
+    road = _road(random)
+    theirs, offset = random.uniform(*shares) * road.speed, random.uniform(*offsets)
+    gap = (road.speed - theirs) * random.uniform(*((1.2, 2.2) if hard else (2.0, 4.0)))
+    if not hard and not _can_stop(road, road.speed - theirs, gap):
+        return None
+    # where it is at the start, to be reached in the bend, and where that is
+    begin = max(road.station(0.4) * (1.0 - theirs / road.speed), gap)
+    reached = begin / (1.0 - theirs / road.speed)
+    if who == 'A cyclist':
+        motion = {'along_mps': theirs, 'motion': ALONG_ROAD}
+        others = [disc(begin + ahead, offset, 0.45, **motion) for ahead in (-0.5, 0.5)]
+    else:
+        others = car(begin, offset, theirs, motion=ALONG_ROAD)
+    if random.random() < 0.5:
+        meet = reached + random.uniform(-1.0, 2.0) * road.speed
+        others += _comes(road, meet, road.speed, LANE, 4.0)
+    text = f'{who} is ahead at {theirs:.1f} m/s in a bend'
+    return _two_lanes(random, road, text, reached + 3.0 * theirs, others, extra_s=12.0)
+
+
+def motorway_merge(random: Random, hard: bool) -> Document | None:
+    """Return a slower car that merges from a ramp; in half of the draws one is beside the car."""
+    road = _road(random, radii=(350.0, 900.0), shares=(0.06, 0.2), speeds=(20.0, 36.0))
+    theirs = random.uniform(0.6, 0.9) * road.speed
+    move_s = random.uniform(*((1.5, 2.5) if hard else (2.5, 4.0)))
+    gap_s = random.uniform(*((0.3, 0.7) if hard else (0.7, 1.5)))
+    lead = CAR_BACK + feasibility.CAR_NOSE + gap_s * road.speed
+    # what is left of the gap when it has reached the lane
+    gap = lead - (road.speed - theirs) * move_s / 2.0
+    if not hard and not _can_stop(road, road.speed - theirs, gap):
+        return None
+    points = [
+        waypoint(lead, -LANE, theirs),
+        waypoint(lead + theirs, -LANE, theirs),
+        waypoint(lead + theirs * (1.0 + move_s), 0.0, theirs),
+        waypoint(road.end, 0.0, theirs),
+    ]
+    others = car_along(points)
+    if random.random() < 0.5:
+        others += car(random.uniform(-15.0, 15.0), LANE, road.speed, motion=ALONG_ROAD)
+    last = lead + theirs * (move_s + 3.0)
+    text = f'A car merges at {theirs:.1f} m/s'
+    return _two_lanes(random, road, text, last, others, ramp=LANE)
+
+
+def roundabout_entry(random: Random, hard: bool) -> Document | None:
+    """Return two cars on a roundabout that the car enters; both have the right of way."""
+    ring, entry = random.uniform(14.0, 22.0), random.uniform(18.0, 30.0)
+    speed = (random.uniform(0.2, 0.4) * FRICTION * feasibility.GRAVITY * ring) ** 0.5
+    lead_in, turn = random.uniform(25.0, 45.0), random.uniform(1.6, 3.0)
+    inwards, kappa, bend, mouth = -1.0 / entry, 1.0 / ring, 0.6 * entry, 8.0
+    merge = lead_in + bend + 2.0 * mouth
+    if not hard and not feasibility.can_stop(speed, merge - 12.0, FRICTION):
+        return None
+    segments = [
+        straight(lead_in),
+        clothoid(mouth, 0.0, inwards),
+        arc(bend, inwards),
+        clothoid(mouth, inwards, kappa),
+        arc(turn * ring, kappa),
+        clothoid(mouth, kappa, inwards),
+        arc(bend, inwards),
+        clothoid(mouth, inwards, 0.0),
+        straight(25.0),
+    ]
+    length = merge + turn * ring + 2.0 * mouth + bend + 25.0
+    # their way begins on the ring, to the left of the merge
+    theirs, before, aside = speed * random.uniform(0.8, 1.1), 8.0, 16.0
+    points = [
+        waypoint(merge - before, aside, theirs),
+        waypoint(merge + 6.0, 0.0, theirs),
+        waypoint(length - 5.0, 0.0, theirs),
+    ]
+    first_s = merge / speed + random.uniform(-1.0, 1.0) - (before**2 + aside**2) ** 0.5 / theirs
+    times = (first_s, first_s + random.uniform(1.6, 4.0))
+    parts = document(
+        description=f'A roundabout of {ring:.0f} m; two cars are on it.',
+        length=length,
+        speed=speed,
+        segments=segments,
+        obstacles=[d for t in times for d in car_along(points, appears_at_s=max(0.0, t))],
+        left=3.0,
+        right=-3.0,
+        extra_s=10.0,
+    )
+    return either_side(random, parts)
+
+
+def junction_crossing(random: Random, hard: bool) -> Document | None:
+    """Return a car that crosses at a junction."""
+    speed, theirs = random.uniform(10.0, 22.0), random.uniform(6.0, 13.0)
+    ahead_s = random.uniform(*((1.2, 2.0) if hard else (1.8, 4.0)))
+    if not hard and not feasibility.can_stop(speed, speed * ahead_s - CAR_RADIUS, FRICTION):
+        return None
+    way, seen_s = random.choice((-1.0, 1.0)), random.uniform(0.3, 1.0)
+    # where it is when the car arrives at its desired speed, and where when it is seen
+    x, at = speed * (seen_s + ahead_s), random.uniform(-3.0, 3.0)
+    begin = at - way * theirs * ahead_s
+    motion = {'across_mps': way * theirs, 'appears_at_s': seen_s}
+    return document_either_side(
+        random,
+        description=f'A car crosses at {theirs:.1f} m/s, seen {ahead_s:.2f} s ahead.',
+        last=x,
+        speed=speed,
+        obstacles=[disc(x, begin + aside, CAR_RADIUS, **motion) for aside in CAR_DISCS],
+    )
+
+
+def _road(random, bends=1, radii=RADII, shares=GRIP_SHARES, speeds=SPEEDS) -> Road:
+    """Return a road with one bend, or two in opposite directions."""
+    speed = 0.0
+    while not speeds[0] <= speed <= speeds[1]:
+        radius, share = random.uniform(*radii), random.uniform(*shares)
+        speed = (share * FRICTION * feasibility.GRAVITY * radius) ** 0.5
+    lead_in, into = random.uniform(1.0, 2.5) * speed, CLOTHOID_S * speed
+    length = max(min(random.uniform(2.0, 5.0) * speed, MOST_TURN * radius - into), 5.0)
+    segments, kappa = [straight(lead_in)], random.choice((-1.0, 1.0)) / radius
+    for _ in range(bends):
+        segments += [clothoid(into, 0.0, kappa), arc(length, kappa), clothoid(into, kappa, 0.0)]
+        kappa = -kappa
+    grip = FRICTION * (1.0 - share**2) ** 0.5
+    end = lead_in + bends * (length + 2.0 * into)
+    return Road(segments, speed, grip, lead_in + into, end - into)
+
+
+def _seen_s(random, hard, nominal):
+    """Return how long [s] before they meet another one is seen."""
+    return random.uniform(1.2, nominal[0]) if hard else random.uniform(*nominal)
+
+
+def _appears_s(road, at, seen_s):
+    """Return when [s] something appears that is seen so long before the car is there."""
+    return max(0.0, at / road.speed - seen_s)
+
+
+def _comes(road, meet, theirs, offset, seen_s, is_truck=False) -> list[Block]:
+    """Return who comes along the road and meets the car at a station, seen before by a time."""
+    appears_s = _appears_s(road, meet, seen_s)
+    begin = meet + theirs * (meet / road.speed - appears_s)
+    motion = {'along_mps': -theirs, 'appears_at_s': appears_s, 'motion': ALONG_ROAD}
+    radius, places = (TRUCK_RADIUS, TRUCK_DISCS) if is_truck else (CAR_RADIUS, CAR_DISCS)
+    return [disc(begin + ahead, offset, radius, **motion) for ahead in places]
+
+
+def _can_stop(road, speed, gap):
+    """Return whether a car can brake from a speed [m/s] before it has closed a gap [m]."""
+    return feasibility.can_stop(speed, gap - CAR_BACK, road.grip)
+
+
+def _two_lanes(random, road, text, last, others, lane=LANE, ramp=0.0, extra_s=0.0):
+    """Return the document of a road with others on it, or its mirror image."""
+    driven = road.end + CLOTHOID_S * road.speed
+    stations = [block['station_m'] for block in others if 'station_m' in block]
+    length = max(finish(last, road.speed), driven + 1.0, *stations)
+    shoulders = LEFT - 1.5 * LANE if lane == LANE else 0.15
+    parts = document(
+        description=f'{text}; {road.speed:.1f} m/s.',
+        length=length,
+        speed=road.speed,
+        segments=[*road.segments, straight(length - driven)],
+        obstacles=others,
+        left=1.5 * lane + shoulders,
+        right=-0.5 * lane - shoulders - ramp,
+        extra_s=extra_s,
+    )
+    return either_side(random, parts)
