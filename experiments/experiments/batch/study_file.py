@@ -26,7 +26,7 @@ from experiments.batch.distributions import MAX_DRAWS, Distribution
 from experiments.configuration import set_option
 from experiments.configuration.inputs import PLANT_CAR
 from experiments.drive_row import ROLES, SCENARIO_FRICTION, SCENARIO_SETTINGS, SCENARIO_SPEED
-from experiments.families.draw import FAMILIES, NOMINAL
+from experiments.families.draw import LIBRARY, NOMINAL
 from experiments.simulation import PLANT_SETTINGS
 from msgs_yaml.strict_yaml import EMPTY, Item, Pattern, YamlError, closest, parse_value, read
 from node_runtime.parameters import Range
@@ -40,7 +40,7 @@ Name = Annotated[str, Pattern(r'\S.*', 'a name or a file')]
 FIELDS = {
     'schema': Literal[1],
     'scenarios': tuple[Name, ...],
-    'families': tuple[Literal[tuple(FAMILIES)], ...],
+    'families': tuple[Literal[tuple(LIBRARY)], ...],
     'difficulty': Literal['nominal', 'hard'],
     'controllers': tuple[Name, ...],
     'set': None,  # names that only the nodes know
@@ -180,7 +180,7 @@ def _expand(folder, list_item, words):
     """Return names as they are and files below the folder, patterns expanded, each once."""
     names = []
     for item, word in zip(list_item.elements() if words else (), words):
-        if ':' in word and word.partition(':')[0] in FAMILIES:
+        if ':' in word and word.partition(':')[0] in LIBRARY:
             raise item.error(f'{word!r} is a draw of a family; allowed under families')
         if os.sep not in word and not word.endswith(SUFFIXES) and not glob.has_magic(word):
             names.append(word)

@@ -56,6 +56,14 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
             open_road.several_movers,
             open_road.three_in_sequence,
             open_road.stop_and_go,
+        )
+    }
+)
+# drives among others on roads that bend: of the library where they are named
+TRAFFIC: Mapping[str, Family] = MappingProxyType(
+    {
+        family.__name__: family
+        for family in (
             traffic.bend_oncoming,
             traffic.s_curve_oncoming,
             traffic.narrow_road_oncoming,
@@ -70,8 +78,9 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
         )
     }
 )
+LIBRARY = MappingProxyType({**FAMILIES, **TRAFFIC})
 # those of the library, and tasks of the study of tuned controllers
-DRAWN = MappingProxyType({**FAMILIES, lane_change_task.NAME: lane_change_task.lane_change_task})
+DRAWN = MappingProxyType({**LIBRARY, lane_change_task.NAME: lane_change_task.lane_change_task})
 MAX_TRIALS = 10_000  # of a nominal draw
 HARD_FRICTION = (0.5, 1.0)
 BELIEVED_FRICTION = 1.0

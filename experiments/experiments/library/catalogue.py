@@ -19,7 +19,7 @@ def show(console: Console) -> int:
     """Print families and entries; return exit code 0."""
     families = {
         name: inspect.getdoc(family).split('.')[0].removeprefix('Return ').split(': ')[0]
-        for name, family in draw.FAMILIES.items()
+        for name, family in draw.LIBRARY.items()
     }
     entries = {name: scenario.load(name).description for name in entries_of_library()}
     for title, members in (('family', families), ('entry', entries)):
@@ -40,7 +40,9 @@ def entries_of_library() -> list[str]:
 def choose(
     families: Sequence[str], with_entries: bool, entries: Sequence[str]
 ) -> tuple[list[str], list[str]]:
-    """Return the families and the entries to be driven: all of a kind where none is named.
+    """Return the families and the entries to be driven.
+
+    Where none is named these are all entries, or all families of emergencies.
 
     Raises BagError for an unknown one, and for names of the kind that is not driven.
     """
@@ -50,7 +52,7 @@ def choose(
         raise BagError('--entry: goes with --entries')
     if with_entries:
         return [], _known('--entry', entries, entries_of_library())
-    return _known('--family', families, list(draw.FAMILIES)), []
+    return _known('--family', families, list(draw.LIBRARY)) if families else [*draw.FAMILIES], []
 
 
 def _known(option, chosen, available):
@@ -65,7 +67,7 @@ def write_draw(which: str, seed: int, difficulty: str, path: Path, console: Cons
     """Write a draw as a scenario file; return exit code 0. Raises BagError for no such draw."""
     row = Row(which, '', (), seed, difficulty)
     if row.draw is None:
-        known = ', '.join(draw.FAMILIES)
+        known = ', '.join(draw.LIBRARY)
         raise BagError(f'{which!r} is no draw; allowed FAMILY:INDEX, FAMILY one of {known}')
     scene = draw.draw(*row.draw[:4])
     settings = ' '.join(

@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiments.families import feasibility, lane_course, scenario_document
-from experiments.families.draw import DIFFICULTIES, FAMILIES, HARD, NOMINAL, draw
+from experiments.families.draw import DIFFICULTIES, HARD, LIBRARY, NOMINAL, draw
 from scenario_publisher import scenario
 
 POP_UP_SPEED = 14.0133  # m/s, of draw 0 under seed 1000
 numbers = st.integers(0, 10**6)
 
 
-@pytest.mark.parametrize('family', FAMILIES)
+@pytest.mark.parametrize('family', LIBRARY)
 def test_every_draw_is_a_scenario(family):
     @settings(max_examples=4)
     @given(seed=numbers, index=numbers, difficulty=st.sampled_from(DIFFICULTIES))
@@ -34,7 +34,7 @@ def test_every_draw_is_a_scenario(family):
 
 
 def test_a_draw_depends_on_its_family_seed_index_and_difficulty_alone():
-    asked = list(itertools.product(FAMILIES, (1, 2), (0, 1), DIFFICULTIES))
+    asked = list(itertools.product(LIBRARY, (1, 2), (0, 1), DIFFICULTIES))
     forwards = {arguments: draw(*arguments) for arguments in asked}
     assert forwards == {arguments: draw(*arguments) for arguments in reversed(asked)}
     assert len({one.text for one in forwards.values()}) == len(asked)

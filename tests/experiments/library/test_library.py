@@ -47,7 +47,7 @@ def test_draws_are_driven_once_and_judged(tmp_path, capsys):
 def test_the_list_has_every_family_and_entry(capsys):
     assert cli.main(['library', '--list']) == 0
     output = capsys.readouterr().out
-    for name in (*draw.FAMILIES, *ENTRIES):
+    for name in (*draw.LIBRARY, *ENTRIES):
         assert f'\n{name} ' in output
 
 
@@ -104,7 +104,7 @@ def test_drives_are_counted_by_family_and_controller_and_failed_ones_left_out():
 def test_the_documentation_has_every_family_entry_and_number():
     text = (DOCS / 'library.md').read_text()
     rows = re.findall(r'^\| ((?:`\w+`(?:, )?)+) \|', text, re.M)
-    assert set(re.findall(r'`(\w+)`', ' '.join(rows))) == set(draw.FAMILIES)
+    assert set(re.findall(r'`(\w+)`', ' '.join(rows))) == set(draw.LIBRARY)
     assert {path.stem for path in (DOCS / 'scenarios').iterdir()} == set(ENTRIES)
     low, high = draw.HARD_FRICTION
     for words in (
