@@ -1,4 +1,4 @@
 """The car and its plan for RViz and Foxglove.
 
-marker_scene  car, safety areas and plan as shapes, which markers_node sends
+marker_scene  car, safety areas and plan as markers, which markers_node sends
 """

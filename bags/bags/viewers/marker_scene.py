@@ -1,21 +1,25 @@
-"""The car, its safety areas and its plan as plain shapes in the frame map: SI units, z up.
+"""The car, its safety areas and its plan as markers in the frame map: SI units, z up.
 
-`MarkerScene` keeps the latest value of each topic and returns the shapes to draw. Shapes are
-independent of ROS: markers_node turns them into messages.
+`MarkerScene` keeps the latest value of each topic and returns the markers to draw. It needs the
+messages of ROS and no node.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
 
 from bags.evaluation import geometry
 from bags.evaluation.controller_log import CandidateLine, candidate_lines, report_number
 from bags.figures import scene, style
+from msgs_yaml import contract, conversions
 from msgs_yaml.types import Obstacle, Prediction, Reference, RoadEdges, VehicleState
 from node_runtime.parameters import Range, Struct
 
-BOX, DISC, LINE, TEXT = 'box', 'disc', 'line', 'text'
 AXLES = ('front', 'rear')
 CAR_HEIGHT_M = 1.4
 FLAT_M = 0.02
@@ -36,22 +40,6 @@ LINES = {'edge': style.EDGE, 'limit': style.UNSAFE}
 
 Overhang = Annotated[float, Range(0.5, 10.0, 'm')]
 Distance = Annotated[float, Range(0.0, 10.0, 'm')]
-
-
-class Shape(NamedTuple):
-    """One shape; ns and id identify it from message to message."""
-
-    ns: str
-    id: int
-    kind: str
-    colour: tuple[float, float, float, float]  # red, green, blue, opacity: 0 to 1
-    # m; of a line its width, of a text its height, comes first
-    size: tuple[float, float, float] = (LINE_M, 0.0, 0.0)
-    at: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, centre
-    yaw: float = 0.0  # rad
-    points: np.ndarray = np.empty((0, 2))  # m, of a line, in map
-    colours: np.ndarray = np.empty((0, 4))  # of its points; none where `colour` is that of all
-    text: str = ''
 
 
 class OutlineParams(Struct):
@@ -80,7 +68,7 @@ class ShapeParams(Struct):
 
 def vehicle_shapes(
     state: VehicleState, why: Mapping[str, float | str], outline: OutlineParams
-) -> list[Shape]:
+) -> list[Marker]:
     """Return the car with its true outline, and a bar of the friction use F / (mu F_z) per axle.
 
     `why` are the values of /controller/why; an axle of which they have no finite use has no bar.
@@ -95,7 +83,7 @@ def vehicle_shapes(
 
     middle = ahead((outline.front_m - outline.rear_m) / 2, CAR_HEIGHT_M / 2)
     shapes = [
-        Shape('body', 0, BOX, GREY, size, middle, state.psi),
+        _marker('body', 0, Marker.CUBE, GREY, size, middle, state.psi),
         _line('outline', 0, np.concatenate([corners, corners[:1]]), _rgba(style.KNOWN['mpcc'])),
     ]
     length, width, full = BAR_M
@@ -107,9 +95,11 @@ def vehicle_shapes(
             look = (*_mix(GREEN, RED, use).tolist(), 0.95)
             bar, above = (CAR_HEIGHT_M + h for h in (height / 2, height + LETTER_M))
             size = (length, width, height)
-            shapes.append(Shape('friction', k, BOX, look, size, ahead(place, bar), state.psi))
-            text = Shape('use', k, TEXT, look, (LETTER_M,) * 3, ahead(place, above))
-            shapes.append(text._replace(text=f'{axle} {use:.2f}'))
+            at = ahead(place, bar)
+            shapes.append(_marker('friction', k, Marker.CUBE, look, size, at, state.psi))
+            text, at = f'{axle} {use:.2f}', ahead(place, above)
+            kind, height = Marker.TEXT_VIEW_FACING, (0.0, 0.0, LETTER_M)
+            shapes.append(_marker('use', k, kind, look, height, at, text=text))
     return shapes
 
 
@@ -118,7 +108,7 @@ def safety_shapes(
     obstacles: Sequence[Obstacle],
     edges: RoadEdges | None,
     distances: SafetyParams,
-) -> list[Shape]:
+) -> list[Marker]:
     """Return the circles of the car, each obstacle with its unsafe area, each edge with its strip.
 
     As in the figures: the centre of a car's circle must stay out of the areas that are shown.
@@ -137,7 +127,7 @@ def safety_shapes(
             ns, colour, height = DISCS[shape.kind]
             at, wide = (*shape.points.tolist(), height / 2), 2.0 * shape.radius
             look, size = _rgba(colour, 0.3), (wide, wide, height)
-            shapes.append(Shape(ns, shape.number, DISC, look, size, at))
+            shapes.append(_marker(ns, shape.number, Marker.CYLINDER, look, size, at))
         elif shape.kind in LINES:
             shapes.append(_line(shape.kind, shape.number, shape.points, _rgba(LINES[shape.kind])))
     return shapes
@@ -145,7 +135,7 @@ def safety_shapes(
 
 def prediction_shapes(
     plan: Prediction, reference: Reference | None, candidates: Sequence[CandidateLine] = ()
-) -> list[Shape]:
+) -> list[Marker]:
     """Return the horizon, coloured by its speed, the coarse path, and the plans not chosen."""
     points = np.column_stack([plan.X, plan.Y])
     shapes = []
@@ -156,7 +146,8 @@ def prediction_shapes(
         share = np.clip(1.0 - (speed.max() - speed) / SPEED_SPAN_MPS, 0.0, 1.0)
         colours = np.column_stack([_mix(SLOW, FAST, share[:, None]), np.ones(len(speed))])
         horizon = _line('horizon', 0, points, _rgba(style.KNOWN['mpcc']))
-        shapes.append(horizon._replace(colours=colours))
+        horizon.colors = list(map(_colour, colours))
+        shapes.append(horizon)
     if reference is not None:
         path = np.column_stack([reference.X, reference.Y])
         shapes.append(_line('reference', 0, path, _rgba(style.REFERENCE)))
@@ -179,7 +170,25 @@ def _line(ns, number, points, colour):
     """Return a line through MAX_POINTS of its points at most: markers are built point by point."""
     if len(points) > MAX_POINTS:
         points = points[np.linspace(0, len(points) - 1, MAX_POINTS).round().astype(int)]
-    return Shape(ns, number, LINE, colour, points=points)
+    line = _marker(ns, number, Marker.LINE_STRIP, colour, (LINE_M, 0.0, 0.0))
+    line.points = [Point(x=float(X), y=float(Y)) for X, Y in points]
+    return line
+
+
+def _marker(ns, number, kind, colour, size, at=(0.0, 0.0, 0.0), yaw=0.0, text=''):
+    """Return a marker without its header; ns and id identify it from message to message."""
+    marker = Marker(ns=ns, id=number, type=kind, action=Marker.ADD, text=text)
+    position, orientation = marker.pose.position, marker.pose.orientation
+    position.x, position.y, position.z = at
+    orientation.z, orientation.w = conversions.heading_to_quaternion(yaw)
+    marker.scale.x, marker.scale.y, marker.scale.z = size
+    marker.color = _colour(colour)
+    return marker
+
+
+def _colour(rgba):
+    red, green, blue, opacity = (float(value) for value in rgba)
+    return ColorRGBA(r=red, g=green, b=blue, a=opacity)
 
 
 VEHICLE, SAFETY, PREDICTION = '/markers/vehicle', '/markers/safety', '/markers/prediction'
@@ -191,12 +200,14 @@ PERIOD_NS = 50_000_000  # that of the controller
 MAX_POINTS = 5000  # of a drawn line, as topics.yaml allows
 
 
-class Drawing(NamedTuple):
-    """The shapes that a marker topic shows from a stamp on."""
-
-    topic: str
-    stamp_ns: int
-    shapes: Sequence[Shape]
+def marker_array(topic: str, stamp_ns: int, markers: Sequence[Marker]) -> MarkerArray:
+    """Return the message of a marker topic; it replaces all markers sent before."""
+    sec, nanosec = conversions.split_stamp(stamp_ns)
+    frame = contract.load().topics[topic].frame
+    header = Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame)
+    for marker in markers:
+        marker.header = header
+    return MarkerArray(markers=[Marker(header=header, action=Marker.DELETEALL), *markers])
 
 
 class MarkerScene:
@@ -213,22 +224,22 @@ class MarkerScene:
         early = self._due_ns - PERIOD_NS <= stamp_ns < self._due_ns
         return topic != STATE or not early
 
-    def update(self, topic: str, value: Any) -> list[Drawing]:
-        """Store a value of `msgs_yaml.types`; return what it changes in the scene."""
+    def update(self, topic: str, value: Any) -> dict[str, MarkerArray]:
+        """Store a value of `msgs_yaml.types`; return the message of each topic that it changes."""
         self._latest[topic] = value
-        plan = self._latest.get(PLAN)
-        if topic in (PLAN, WHY):
-            lines = candidate_lines(value.values) if topic == WHY else []
+        plan, why = self._latest.get(PLAN), self._latest.get(WHY)
+        drawn = {}
+        if topic == PLAN:
+            drawn[PREDICTION] = prediction_shapes(plan, self._latest.get(REFERENCE))
+        elif topic == WHY:
+            lines = candidate_lines(value.values)
             # a report draws the plan of its tick again, with those that were not chosen
-            if topic == WHY and not (lines and plan and plan.stamp_ns == value.stamp_ns):
-                return []
-            drawn = prediction_shapes(plan, self._latest.get(REFERENCE), lines)
-            return [Drawing(PREDICTION, value.stamp_ns, drawn)]
-        if topic != STATE:
-            return []
-        self._due_ns = value.stamp_ns + PERIOD_NS
-        why, message = self._latest.get(WHY), self._latest.get(OBSTACLES)
-        obstacles, edges = message.items if message else (), self._latest.get(EDGES)
-        car = vehicle_shapes(value, why.values if why else {}, self.params.outline)
-        areas = safety_shapes(value, obstacles, edges, self.params.safety)
-        return [Drawing(VEHICLE, value.stamp_ns, car), Drawing(SAFETY, value.stamp_ns, areas)]
+            if lines and plan and plan.stamp_ns == value.stamp_ns:
+                drawn[PREDICTION] = prediction_shapes(plan, self._latest.get(REFERENCE), lines)
+        elif topic == STATE:
+            self._due_ns = value.stamp_ns + PERIOD_NS
+            message, edges = self._latest.get(OBSTACLES), self._latest.get(EDGES)
+            obstacles, said = message.items if message else (), why.values if why else {}
+            drawn[VEHICLE] = vehicle_shapes(value, said, self.params.outline)
+            drawn[SAFETY] = safety_shapes(value, obstacles, edges, self.params.safety)
+        return {name: marker_array(name, value.stamp_ns, shapes) for name, shapes in drawn.items()}

@@ -1,11 +1,10 @@
-"""Shapes have the sizes of what they stand for, and their messages obey the contract."""
+"""Markers have the sizes of what they stand for, and their messages obey the contract."""
 
 import math
 
 import numpy as np
 import pytest
 
-from bags import markers_node
 from bags.viewers import marker_scene
 from msgs_yaml import conformance, encode
 from msgs_yaml.types import Obstacle, Obstacles, Prediction, Reference, RoadEdges, VehicleState, Why
@@ -33,16 +32,20 @@ SCENE = {  # a straight piece of road with an obstacle, a plan, and a report
 
 
 def draw(values):
-    """Return the shapes of each topic that values of topics, in this order, lead to."""
+    """Return the message of each topic that values of topics, in this order, lead to."""
     scene, drawn = marker_scene.MarkerScene(PARAMS), {}
     for topic, value in values.items():
-        drawn |= {drawing.topic: drawing.shapes for drawing in scene.update(topic, value)}
+        drawn |= scene.update(topic, value)
     return drawn
 
 
-def find(shapes, ns):
-    """Return the shapes of one name, in the order of their ids."""
-    return [item for item in shapes if item.ns == ns]
+def find(message, ns):
+    """Return the markers of one name, in the order of their ids."""
+    return [item for item in message.markers if item.ns == ns]
+
+
+def points(marker):
+    return np.array([[point.x, point.y] for point in marker.points])
 
 
 @pytest.fixture
@@ -52,30 +55,31 @@ def drawn():
 
 def test_messages_obey_the_contract_and_begin_anew(drawn):
     assert len(drawn) == 3
-    for topic, shapes in drawn.items():
-        message = markers_node.marker_array(topic, S, shapes)
+    for topic, message in drawn.items():
         assert conformance.check(topic, message) == []
         assert message.markers[0].action == message.markers[0].DELETEALL
         names = [(item.ns, item.id) for item in message.markers[1:]]
-        assert len(set(names)) == len(names) == len(shapes)
+        assert len(set(names)) == len(names) > 0
 
 
 def test_the_car_points_along_its_heading_and_has_its_true_outline(drawn):
     (body,) = find(drawn[marker_scene.VEHICLE], 'body')
     (outline,) = find(drawn[marker_scene.VEHICLE], 'outline')
     # heading along y: the body's centre lies 0.15 m behind the centre of gravity
-    assert body.at[:2] == pytest.approx((10.0, 2.0 + (2.27 - 2.57) / 2))
-    assert body.size[:2] == pytest.approx((2.27 + 2.57, 1.85))
-    assert np.ptp(outline.points, axis=0) == pytest.approx([1.85, 4.84])
-    assert outline.points[:, 1].max() == pytest.approx(2.0 + 2.27)
+    centre, turn = body.pose.position, body.pose.orientation
+    assert (centre.x, centre.y) == pytest.approx((10.0, 2.0 + (2.27 - 2.57) / 2))
+    assert 2 * math.atan2(turn.z, turn.w) == pytest.approx(np.pi / 2)
+    assert (body.scale.x, body.scale.y) == pytest.approx((2.27 + 2.57, 1.85))
+    assert np.ptp(points(outline), axis=0) == pytest.approx([1.85, 4.84])
+    assert points(outline)[:, 1].max() == pytest.approx(2.0 + 2.27)
 
 
 def test_friction_use_is_a_bar_that_ends_at_the_limit(drawn):
     front, rear = find(drawn[marker_scene.VEHICLE], 'friction')
-    assert front.size[2] == pytest.approx(0.62 * marker_scene.BAR_M[2])
-    assert rear.size[2] == pytest.approx(marker_scene.BAR_M[2])
-    assert front.at[1] > rear.at[1]
-    assert rear.colour[0] > front.colour[0], 'redder at the limit'
+    assert front.scale.z == pytest.approx(0.62 * marker_scene.BAR_M[2])
+    assert rear.scale.z == pytest.approx(marker_scene.BAR_M[2])
+    assert front.pose.position.y > rear.pose.position.y
+    assert rear.color.r > front.color.r, 'redder at the limit'
 
 
 @pytest.mark.parametrize('said', ['n/a', math.nan, math.inf])
@@ -87,31 +91,40 @@ def test_a_friction_use_that_is_no_number_is_not_drawn(said):
 
 def test_what_is_not_known_yet_is_not_drawn():
     shapes = draw({marker_scene.STATE: STATE})
-    assert {item.ns for item in shapes[marker_scene.VEHICLE]} == {'body', 'outline'}
-    assert {item.ns for item in shapes[marker_scene.SAFETY]} == {'circle'}
+    for topic, kinds in (
+        (marker_scene.VEHICLE, {'body', 'outline'}),
+        (marker_scene.SAFETY, {'circle'}),
+    ):
+        assert {item.ns for item in shapes[topic].markers[1:]} == kinds
 
 
 def test_areas_are_what_the_centre_of_a_circle_must_keep_out_of(drawn):
     result = drawn[marker_scene.SAFETY]
-    assert [item.size[0] for item in find(result, 'circle')] == pytest.approx([2.2, 2.2])
-    assert [item.at[1] for item in find(result, 'circle')] == pytest.approx([3.2, 0.8])
+    circles = find(result, 'circle')
+    assert [item.scale.x for item in circles] == pytest.approx([2.2, 2.2])
+    assert [item.pose.position.y for item in circles] == pytest.approx([3.2, 0.8])
     (collision,), (unsafe,) = find(result, 'collision'), find(result, 'unsafe')
-    assert (collision.id, collision.at[:2]) == (7, (40.0, 1.0))
-    assert collision.size[0] == pytest.approx(2 * (0.8 + 1.1))
-    assert unsafe.size[0] == pytest.approx(2 * (0.8 + 1.1 + 0.5))
-    left, right = find(result, 'limit')
-    assert left.points[:, 1] == pytest.approx(6.0 - 1.1 - 0.4)
-    assert right.points[:, 1] == pytest.approx(-3.0 + 1.1 + 0.4)
+    centre = collision.pose.position
+    assert (collision.id, centre.x, centre.y) == (7, 40.0, 1.0)
+    assert collision.scale.x == pytest.approx(2 * (0.8 + 1.1))
+    assert unsafe.scale.x == pytest.approx(2 * (0.8 + 1.1 + 0.5))
+    left, right = map(points, find(result, 'limit'))
+    assert left[:, 1] == pytest.approx(6.0 - 1.1 - 0.4)
+    assert right[:, 1] == pytest.approx(-3.0 + 1.1 + 0.4)
 
 
 def test_the_plan_is_coloured_by_its_speed(drawn):
-    (horizon,) = find(drawn[marker_scene.PREDICTION], 'horizon')
-    assert horizon.colours.shape == (51, 4)
-    assert horizon.colours[0] == pytest.approx([*marker_scene.FAST, 1.0])
-    assert np.all(np.diff(horizon.colours[:-1, 0]) > 0.0), 'it brakes all the way'
+    def colours(message):
+        (horizon,) = find(message, 'horizon')
+        return np.array([[c.r, c.g, c.b, c.a] for c in horizon.colors])
+
+    fast = colours(drawn[marker_scene.PREDICTION])
+    assert fast.shape == (51, 4)
+    assert fast[0] == pytest.approx([*marker_scene.FAST, 1.0])
+    assert np.all(np.diff(fast[:-1, 0]) > 0.0), 'it brakes all the way'
     stop = PLAN._replace(X=10.0 * (1.0 - np.exp(-2.0 * STAGES)))
-    (horizon,) = find(draw({marker_scene.PLAN: stop})[marker_scene.PREDICTION], 'horizon')
-    assert horizon.colours[-1] == pytest.approx([*marker_scene.SLOW, 1.0])
+    slow = colours(draw({marker_scene.PLAN: stop})[marker_scene.PREDICTION])
+    assert slow[-1] == pytest.approx([*marker_scene.SLOW, 1.0])
 
 
 def test_the_plans_that_were_not_chosen_are_drawn_with_the_one_that_is():
@@ -122,17 +135,16 @@ def test_the_plans_that_were_not_chosen_are_drawn_with_the_one_that_is():
         lines[f'candidates.{k}.clean'] = int(k < 2)
     scene = marker_scene.MarkerScene(PARAMS)
     scene.update(marker_scene.PLAN, PLAN)
-    (drawing,) = scene.update(marker_scene.WHY, Why(S, 0, '', lines))
-    others = find(drawing.shapes, 'candidate')
-    assert [shape.id for shape in others] == [0, 2]
-    assert others[1].points[:, 1] == pytest.approx([0.0, 2.0, 4.0])
-    assert others[0].colour != others[1].colour, 'one of them touches'
-    assert len(find(drawing.shapes, 'horizon')) == 1
-    message = markers_node.marker_array(drawing.topic, S, drawing.shapes)
-    assert conformance.check(drawing.topic, message) == []
+    ((topic, message),) = scene.update(marker_scene.WHY, Why(S, 0, '', lines)).items()
+    others = find(message, 'candidate')
+    assert [marker.id for marker in others] == [0, 2]
+    assert points(others[1])[:, 1] == pytest.approx([0.0, 2.0, 4.0])
+    assert others[0].color != others[1].color, 'one of them touches'
+    assert len(find(message, 'horizon')) == 1
+    assert conformance.check(topic, message) == []
     # a report of another tick, or of one without candidates, draws nothing
-    assert scene.update(marker_scene.WHY, Why(2 * S, 0, '', lines)) == []
-    assert scene.update(marker_scene.WHY, Why(S, 0, '', {})) == []
+    assert scene.update(marker_scene.WHY, Why(2 * S, 0, '', lines)) == {}
+    assert scene.update(marker_scene.WHY, Why(S, 0, '', {})) == {}
 
 
 def test_the_transform_is_the_pose_of_the_car():
