@@ -5,35 +5,35 @@ import math
 import numpy as np
 import pytest
 
-from bags.viewers import marker_scene
+from bags import markers_node
 from msgs_yaml import conformance, encode
 from msgs_yaml.types import Obstacle, Obstacles, Prediction, Reference, RoadEdges, VehicleState, Why
 
 S = 1_000_000_000
-PARAMS = marker_scene.ShapeParams(
-    marker_scene.OutlineParams(front_m=2.27, rear_m=2.57, width_m=1.85),
-    marker_scene.SafetyParams((1.2, -1.2), 1.1, 0.5, 0.4),
+PARAMS = markers_node.ShapeParams(
+    markers_node.OutlineParams(front_m=2.27, rear_m=2.57, width_m=1.85),
+    markers_node.SafetyParams((1.2, -1.2), 1.1, 0.5, 0.4),
 )
 STATE = VehicleState(S, 10.0, 2.0, np.pi / 2, 20.0, 0.0, 0.0)
 STAGES = np.arange(51) * 0.05
 PLAN = Prediction(S, 20.0 * STAGES - STAGES**2, 0.0 * STAGES, 0.0 * STAGES, STAGES)
 SCENE = {  # a straight piece of road with an obstacle, a plan, and a report
-    marker_scene.EDGES: RoadEdges(
+    markers_node.EDGES: RoadEdges(
         S, np.array([[0.0, 6.0], [99.0, 6.0]]), np.array([[0.0, -3.0], [99.0, -3.0]])
     ),
-    marker_scene.REFERENCE: Reference(
+    markers_node.REFERENCE: Reference(
         S, np.array([0.0, 90.0]), np.zeros(2), np.zeros(2), np.array([0.0, 4.5])
     ),
-    marker_scene.OBSTACLES: Obstacles(S, (Obstacle(7, 40.0, 1.0, 0.8, 0.0, 0.0),)),
-    marker_scene.WHY: Why(S, 0, '', {'friction.front': 0.62, 'friction.rear': 1.4}),
-    marker_scene.PLAN: PLAN,
-    marker_scene.STATE: STATE,
+    markers_node.OBSTACLES: Obstacles(S, (Obstacle(7, 40.0, 1.0, 0.8, 0.0, 0.0),)),
+    markers_node.WHY: Why(S, 0, '', {'friction.front': 0.62, 'friction.rear': 1.4}),
+    markers_node.PLAN: PLAN,
+    markers_node.STATE: STATE,
 }
 
 
 def draw(values):
     """Return the message of each topic that values of topics, in this order, lead to."""
-    scene, drawn = marker_scene.MarkerScene(PARAMS), {}
+    scene, drawn = markers_node.MarkerScene(PARAMS), {}
     for topic, value in values.items():
         drawn |= scene.update(topic, value)
     return drawn
@@ -63,8 +63,8 @@ def test_messages_obey_the_contract_and_begin_anew(drawn):
 
 
 def test_the_car_points_along_its_heading_and_has_its_true_outline(drawn):
-    (body,) = find(drawn[marker_scene.VEHICLE], 'body')
-    (outline,) = find(drawn[marker_scene.VEHICLE], 'outline')
+    (body,) = find(drawn[markers_node.VEHICLE], 'body')
+    (outline,) = find(drawn[markers_node.VEHICLE], 'outline')
     # heading along y: the body's centre lies 0.15 m behind the centre of gravity
     centre, turn = body.pose.position, body.pose.orientation
     assert (centre.x, centre.y) == pytest.approx((10.0, 2.0 + (2.27 - 2.57) / 2))
@@ -75,9 +75,9 @@ def test_the_car_points_along_its_heading_and_has_its_true_outline(drawn):
 
 
 def test_friction_use_is_a_bar_that_ends_at_the_limit(drawn):
-    front, rear = find(drawn[marker_scene.VEHICLE], 'friction')
-    assert front.scale.z == pytest.approx(0.62 * marker_scene.BAR_M[2])
-    assert rear.scale.z == pytest.approx(marker_scene.BAR_M[2])
+    front, rear = find(drawn[markers_node.VEHICLE], 'friction')
+    assert front.scale.z == pytest.approx(0.62 * markers_node.BAR_M[2])
+    assert rear.scale.z == pytest.approx(markers_node.BAR_M[2])
     assert front.pose.position.y > rear.pose.position.y
     assert rear.color.r > front.color.r, 'redder at the limit'
 
@@ -85,21 +85,21 @@ def test_friction_use_is_a_bar_that_ends_at_the_limit(drawn):
 @pytest.mark.parametrize('said', ['n/a', math.nan, math.inf])
 def test_a_friction_use_that_is_no_number_is_not_drawn(said):
     why = Why(S, 0, '', {'friction.front': said, 'friction.rear': 0.5})
-    shapes = draw(SCENE | {marker_scene.WHY: why})[marker_scene.VEHICLE]
+    shapes = draw(SCENE | {markers_node.WHY: why})[markers_node.VEHICLE]
     assert [item.text for item in find(shapes, 'use')] == ['rear 0.50']
 
 
 def test_what_is_not_known_yet_is_not_drawn():
-    shapes = draw({marker_scene.STATE: STATE})
+    shapes = draw({markers_node.STATE: STATE})
     for topic, kinds in (
-        (marker_scene.VEHICLE, {'body', 'outline'}),
-        (marker_scene.SAFETY, {'circle'}),
+        (markers_node.VEHICLE, {'body', 'outline'}),
+        (markers_node.SAFETY, {'circle'}),
     ):
         assert {item.ns for item in shapes[topic].markers[1:]} == kinds
 
 
 def test_areas_are_what_the_centre_of_a_circle_must_keep_out_of(drawn):
-    result = drawn[marker_scene.SAFETY]
+    result = drawn[markers_node.SAFETY]
     circles = find(result, 'circle')
     assert [item.scale.x for item in circles] == pytest.approx([2.2, 2.2])
     assert [item.pose.position.y for item in circles] == pytest.approx([3.2, 0.8])
@@ -118,13 +118,13 @@ def test_the_plan_is_coloured_by_its_speed(drawn):
         (horizon,) = find(message, 'horizon')
         return np.array([[c.r, c.g, c.b, c.a] for c in horizon.colors])
 
-    fast = colours(drawn[marker_scene.PREDICTION])
+    fast = colours(drawn[markers_node.PREDICTION])
     assert fast.shape == (51, 4)
-    assert fast[0] == pytest.approx([*marker_scene.FAST, 1.0])
+    assert fast[0] == pytest.approx([*markers_node.FAST, 1.0])
     assert np.all(np.diff(fast[:-1, 0]) > 0.0), 'it brakes all the way'
     stop = PLAN._replace(X=10.0 * (1.0 - np.exp(-2.0 * STAGES)))
-    slow = colours(draw({marker_scene.PLAN: stop})[marker_scene.PREDICTION])
-    assert slow[-1] == pytest.approx([*marker_scene.SLOW, 1.0])
+    slow = colours(draw({markers_node.PLAN: stop})[markers_node.PREDICTION])
+    assert slow[-1] == pytest.approx([*markers_node.SLOW, 1.0])
 
 
 def test_the_plans_that_were_not_chosen_are_drawn_with_the_one_that_is():
@@ -133,9 +133,9 @@ def test_the_plans_that_were_not_chosen_are_drawn_with_the_one_that_is():
         lines[f'candidates.{k}.name'] = name
         lines[f'candidates.{k}.line'] = f'0.00,0.00 5.00,{k:.2f} 10.00,{2 * k:.2f}'
         lines[f'candidates.{k}.clean'] = int(k < 2)
-    scene = marker_scene.MarkerScene(PARAMS)
-    scene.update(marker_scene.PLAN, PLAN)
-    ((topic, message),) = scene.update(marker_scene.WHY, Why(S, 0, '', lines)).items()
+    scene = markers_node.MarkerScene(PARAMS)
+    scene.update(markers_node.PLAN, PLAN)
+    ((topic, message),) = scene.update(markers_node.WHY, Why(S, 0, '', lines)).items()
     others = find(message, 'candidate')
     assert [marker.id for marker in others] == [0, 2]
     assert points(others[1])[:, 1] == pytest.approx([0.0, 2.0, 4.0])
@@ -143,8 +143,8 @@ def test_the_plans_that_were_not_chosen_are_drawn_with_the_one_that_is():
     assert len(find(message, 'horizon')) == 1
     assert conformance.check(topic, message) == []
     # a report of another tick, or of one without candidates, draws nothing
-    assert scene.update(marker_scene.WHY, Why(2 * S, 0, '', lines)) == {}
-    assert scene.update(marker_scene.WHY, Why(S, 0, '', {})) == {}
+    assert scene.update(markers_node.WHY, Why(2 * S, 0, '', lines)) == {}
+    assert scene.update(markers_node.WHY, Why(S, 0, '', {})) == {}
 
 
 def test_the_transform_is_the_pose_of_the_car():
