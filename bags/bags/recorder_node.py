@@ -10,6 +10,7 @@ import json
 import signal
 import sys
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from functools import partial
 from itertools import count
@@ -22,17 +23,20 @@ from bags.storage.bag_writer import BagWriter, Split
 from bags.storage.message_filing import (
     CLOCK,
     LOCKSTEP,
+    LOSS_RECORD,
     ClockError,
     Filing,
+    Losses,
     RecorderParams,
     SimulatedTime,
     bag_topic,
 )
-from bags.storage.message_loss import LOSS_RECORD, RecordingHealth, loss_record
 from msgs_yaml import contract, encode, share
 from msgs_yaml.contract import Topic
 from msgs_yaml.conversions import NS_PER_S
+from msgs_yaml.types import Health
 from node_runtime import provenance, ros, spin_node
+from node_runtime.input_monitor import OK, STALE, WARN, HeldLevel
 from node_runtime.managed_node import ManagedNode
 from node_runtime.parameters import ParameterError
 
@@ -43,6 +47,13 @@ ANY = 'any'  # publisher in the contract of a topic that several nodes publish
 QUIET_S = 0.05  # at the end: no message has arrived for so long
 LONGEST_END_S = 1.0
 MB = 1e6
+RECORDER = 'recorder'
+NO_TOPIC = 'none'
+_MESSAGES = {
+    OK: 'recording',
+    WARN: 'messages were lost: the recorder or the network is too slow',
+    STALE: 'no message has arrived yet',
+}
 
 
 class RecorderNode(ManagedNode):
@@ -221,7 +232,8 @@ class RecorderNode(ManagedNode):
         if left_out:
             warn(f'{left_out} messages are left out whose stamp fell back before {CLOCK} did')
         losses = {name: filing.counter.losses for name, filing in self.filings.items()}
-        written = self.bag.close({LOSS_RECORD: loss_record(losses)})
+        record = {name: json.dumps(counts._asdict()) for name, counts in losses.items()}
+        written = self.bag.close({LOSS_RECORD: record})
         self.get_logger().info(f'{written} messages in {self.bag.folder}')
         for topic, filing in self.filings.items():
             if losses[topic].lost:
@@ -230,6 +242,27 @@ class RecorderNode(ManagedNode):
             if filing.misdated:
                 other = f'{filing.misdated} messages are filed under another time than their stamp'
                 warn(f'{topic}: {other}')
+
+
+class RecordingHealth:
+    """Computes the health of a recording; a loss is held for a while (`HeldLevel`)."""
+
+    def __init__(self, mode: str):
+        """Take from the contract which topics nodes publish without request in `mode`."""
+        topics = contract.load().topics.values()
+        self._expected = [topic.name for topic in topics if topic.rate_hz[mode]]
+        self._lost = 0  # at the last report
+        self._held = HeldLevel()
+
+    def health(self, stamp_ns: int, counted: Mapping[str, Losses]) -> Health:
+        """Return the health at a stamp; `counted` are the losses of every topic so far."""
+        received = sum(losses.received for losses in counted.values())
+        lost = sum(losses.lost or 0 for losses in counted.values())
+        more, self._lost = lost > self._lost, lost
+        level = self._held.update(WARN if more else OK if received else STALE, stamp_ns)
+        silent = [name for name in self._expected if not counted[name].received]
+        values = {'messages': received, 'lost': lost, 'silent': ' '.join(silent) or NO_TOPIC}
+        return Health(stamp_ns, RECORDER, level, _MESSAGES[level], values)
 
 
 def recorded_topics() -> dict[str, Topic]:

@@ -18,7 +18,7 @@ from bags.evaluation.metrics.driving import count_periods
 from bags.storage import read
 from bags.storage.decoding import header_stamps_ns
 from bags.storage.invalid_messages import count_invalid, drop_invalid
-from bags.storage.message_loss import LossCounter
+from bags.storage.message_filing import LossCounter
 from bags.storage.read import LOCKSTEP, STATE
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import Why

@@ -31,6 +31,12 @@ def test_distance_is_positive_on_the_left_and_negative_on_the_right(point, dista
     assert geometry.distance_to_polyline([point], CORNER) == pytest.approx([distance])
 
 
+def test_beyond_a_hairpin_the_segment_that_sees_a_point_more_squarely_decides_about_the_side():
+    hairpin = [[0.0, 0.0], [10.0, 0.0], [0.0, 1.0]]
+    distances = geometry.distance_to_polyline([[11.0, -0.5], [11.0, 0.2]], hairpin)
+    assert np.sign(distances).tolist() == [-1.0, -1.0]
+
+
 def test_driving_two_laps_is_twice_the_circumference_and_never_jumps():
     reference = circle(20.0, 2.0, 1001)
     drive = circle(19.0, 2.0, 4001) + np.array([0.0, 1.0])
@@ -142,6 +148,16 @@ def test_no_points_have_no_distances():
 )
 def test_gap_between_a_rectangle_and_a_circle(x, y, gap):
     assert geometry.gap_to_circle(0.0, 0.0, 0.0, CAR, x, y, 1.0) == pytest.approx(gap)
+
+
+@settings(max_examples=60)
+@given(st.floats(-20, 20), st.floats(-20, 20), st.floats(-3.2, 3.2), st.floats(-6, 6))
+def test_the_gap_does_not_depend_on_where_the_scene_stands(x, y, yaw, ahead):
+    here = geometry.gap_to_circle(0.0, 0.0, 0.0, CAR, ahead, 2.5, 1.0)
+    cx = x + ahead * np.cos(yaw) - 2.5 * np.sin(yaw)
+    cy = y + ahead * np.sin(yaw) + 2.5 * np.cos(yaw)
+    there = geometry.gap_to_circle(x, y, yaw, CAR, cx, cy, 1.0)
+    assert there == pytest.approx(here, abs=1e-9)
 
 
 def test_points_of_an_outline_begin_and_end_at_its_corners():
