@@ -23,7 +23,7 @@ import machine
 import numpy as np
 from tables import markdown, number
 
-from bags.evaluation import tick_timing
+from bags.evaluation import bag_summary
 from bags.storage import read
 from experiments import simulation
 from mpcc_controller.driving.controller import Controller
@@ -200,7 +200,7 @@ def measure_ring() -> dict:
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         wall_s = time.perf_counter() - began
         bag = read.load(Path(folder) / SCENARIO / CONTROLLERS[0])
-        report = tick_timing.timing_report(bag)
+        report = bag_summary.timing_report(bag)
     period_ms = report['interval_ms']['mean']
     return {
         'tick_wall_ms': report['interval_ms'],

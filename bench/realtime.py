@@ -23,7 +23,7 @@ from rich.console import Console
 from tables import markdown
 
 from bags.commands import timing
-from bags.evaluation import tick_timing
+from bags.evaluation import bag_summary
 from bags.storage import read
 
 TICK_S = 0.05
@@ -134,7 +134,7 @@ def page(found: dict, options: argparse.Namespace, spent: machine.CpuTimes | Non
             f'The processors were busy for {spent.busy_s:.0f} s meanwhile, everything counted; '
             f'{spent.stolen_s:.1f} s more were wanted and not given by the host of this machine.\n'
         )
-    names = list(tick_timing.QUANTILES)
+    names = list(bag_summary.QUANTILES)
     rows = {**found['parts_ms'], 'between two commands': found['interval_ms']}
     rows['state sent after its stamp'] = found['state_sent_after_its_stamp_ms']
     checked = [
@@ -175,7 +175,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         bag = options.bag or drive(options, Path(folder))
         spent = None if options.bag else machine.cpu_times().since(before)
-        found = tick_timing.timing_report(read.load(bag))
+        found = bag_summary.timing_report(read.load(bag))
     timing.show(found, Console())
     if found['ticks']['count'] < MIN_SHARE * options.ticks and not options.bag:
         raise SystemExit(f'only {found["ticks"]["count"]} ticks: the car did not get there')

@@ -26,8 +26,7 @@ from tables import markdown
 
 from bags.storage import read
 from bags.storage.bag_writer import BagWriter
-from bags.storage.message_filing import bag_topics
-from bags.storage.message_loss import LOSS_RECORD
+from bags.storage.message_filing import LOSS_RECORD, bag_topics
 from msgs_yaml import contract
 from node_runtime import ros, spin_node
 

@@ -6,11 +6,9 @@ frames          the messages of a topic as a pandas DataFrame
 description     unit and meaning of its columns, shown whole
 metrics_table   the metrics as a table and as CSV
 storage         read, write and repair bags; needs no ROS
-playback        which message is sent when; a clock that pauses, steps and seeks
 evaluation      one run as arrays, its metrics, the timing of its controller
 report          table, JSON, CSV, figures and report.html of several runs
 figures         Matplotlib figures
-viewers         what markers show
 commands        the subcommands of `bags`, one module each; started by cli, parsed by command_line
 errors          errors and warnings of the package
 

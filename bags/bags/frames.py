@@ -8,9 +8,6 @@ Columns end with their unit. What has members has a column per member behind a d
 (`load_n.fl`), an obstacle by its id (`x_m.1`), a value of a report by its key (`cost.total`).
 """
 
-import itertools
-from collections.abc import Callable, Iterable, Mapping
-from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -26,6 +23,7 @@ if TYPE_CHECKING:
 
 EXTRA = 'frames'
 INDEX = 't_s'
+OBSTACLES = '/scenario/obstacles'
 REPORT = 'values'  # of a report: one column per key
 
 
@@ -90,7 +88,7 @@ MEANINGS = {
         'x_m': Column('m', 'X in the frame map'),
         'y_m': Column('m', 'Y in the frame map'),
     },
-    '/scenario/obstacles': {
+    OBSTACLES: {
         'x_m': Column('m', 'X of the centre in the frame map, by obstacle id'),
         'y_m': Column('m', 'Y of the centre in the frame map, by obstacle id'),
         'radius_m': Column('m', 'radius, by obstacle id'),
@@ -119,6 +117,17 @@ MEANINGS = {
 }
 
 
+# of topics with lines of points: the levels of the index behind the time
+LEVELS = {
+    '/scenario/reference': ('point',),
+    '/scenario/road_edges': ('edge', 'point'),
+    '/controller/prediction': ('stage',),
+}
+# fields of poses by column
+POSE = {'x_m': 'X', 'y_m': 'Y', 'yaw_rad': 'psi', 'passes_s': 't', 'ahead_s': 't'}
+FRAMED = (*TOPICS, *MEANINGS)  # the topics that have a DataFrame
+
+
 def import_pandas() -> Any:
     """Return the module pandas; ImportError names the extra that installs it."""
     try:
@@ -137,15 +146,65 @@ def frame_of(topic: str, table: Columns) -> 'pd.DataFrame':
     Raises KeyError for a topic without table, ImportError without pandas.
     """
     pandas = import_pandas()
+    if topic in LEVELS:
+        lines = [
+            {'stamp_ns': stamp_ns, INDEX: t_s, **line}
+            for stamp_ns, t_s, value in zip(table.stamp_ns, table.t_s, table.values)
+            for line in _lines(topic, value)
+        ]
+        # a DataFrame per line would take ten times as long
+        points = {
+            name: np.concatenate([np.broadcast_to(line[name], len(line['x_m'])) for line in lines])
+            for name in lines[0]
+        }
+        return pandas.DataFrame(points).set_index([INDEX, *LEVELS[topic]])
+    index = pandas.Index(table.t_s, name=INDEX)
+    if topic in MEANINGS:
+        stamped = zip(table.stamp_ns.tolist(), table.values)
+        rows = [{'stamp_ns': stamp_ns, **_row(topic, value)} for stamp_ns, value in stamped]
+        frame = pandas.DataFrame.from_records(rows, index=index)
+        if topic == OBSTACLES:
+            # by id: one that appears later is in no other place of the table
+            stamp, *members = frame
+            members.sort(key=lambda name: int(name.rpartition(MEMBER)[2]))
+            frame = frame[[stamp, *members]]
+        return frame
     if topic not in TOPICS:
-        return _BUILDERS[topic](pandas, table)
+        raise KeyError(topic)
     flat: dict[str, np.ndarray] = {}
-    for name, values in vars(table).items():
+    for name, values in table.items():
         if values.ndim == 2:
             flat |= {f'{name}{MEMBER}{wheel}': v for wheel, v in zip(WHEELS, values.T)}
         elif name != INDEX:
             flat[name] = values
-    return pandas.DataFrame(flat, index=_time(pandas, table.t_s))
+    return pandas.DataFrame(flat, index=index)
+
+
+def _lines(topic, value):
+    """Yield of each line of a message its columns (n,) and the levels of its points."""
+    if topic == '/scenario/road_edges':
+        for side in ('left', 'right'):
+            x, y = getattr(value, side).T
+            yield {'edge': side, 'point': np.arange(len(x)), 'x_m': x, 'y_m': y}
+        return
+    (level,) = LEVELS[topic]
+    line = {level: np.arange(len(value.X))}
+    yield line | {name: getattr(value, POSE[name]) for name in MEANINGS[topic]}
+
+
+def _row(topic, value):
+    """Return what a message has besides its stamp, by column."""
+    if topic == OBSTACLES:
+        names = MEANINGS[topic]
+        return {
+            f'{name}{MEMBER}{item.id}': number
+            for item in value.items
+            for name, number in zip(names, (item.X, item.Y, item.r_obs, item.vX, item.vY))
+        }
+    if topic not in ('/controller/why', '/diagnostics'):
+        return {}
+    node = {'node': value.name} if topic == '/diagnostics' else {}
+    return {**node, 'level': value.level, 'message': value.message, **value.values}
 
 
 def describe(topic: str = '') -> 'pd.DataFrame':
@@ -171,86 +230,3 @@ def describe(topic: str = '') -> 'pd.DataFrame':
     return Description(
         [*columns.values()], index=pandas.Index(columns, name='column'), columns=Column._fields
     )
-
-
-def _time(pandas, t_s):
-    return pandas.Index(t_s, name=INDEX)
-
-
-def _records(pandas, table: Columns, rows: Iterable[Mapping[str, Any]]) -> 'pd.DataFrame':
-    """Return a DataFrame with a row of numbers and words per message."""
-    stamps = ({'stamp_ns': stamp, **row} for stamp, row in zip(table.stamp_ns.tolist(), rows))
-    return pandas.DataFrame.from_records([*stamps], index=_time(pandas, table.t_s))
-
-
-def _lines(pandas, table: Columns, lines: Callable[[Any], Iterable[tuple]], *levels: str):
-    """Return a DataFrame with a row per point of lines.
-
-    `lines(value)` yields of each line of a message the values of the `levels` of the index that
-    all its points share, and its columns (n,); the last level is the number of the point.
-    """
-    columns: dict[str, list[np.ndarray]] = {}
-    for stamp_ns, t_s, value in zip(table.stamp_ns, table.t_s, table.values):
-        for shared, fields in lines(value):
-            count = len(next(iter(fields.values())))
-            same = dict(zip(('stamp_ns', INDEX, *levels[:-1]), (stamp_ns, t_s, *shared)))
-            own = {name: np.full(count, constant) for name, constant in same.items()}
-            # a DataFrame per line would take ten times as long
-            for name, part in (own | {levels[-1]: np.arange(count)} | fields).items():
-                columns.setdefault(name, []).append(part)
-    joined = {name: np.concatenate(parts) for name, parts in columns.items()}
-    return pandas.DataFrame(joined).set_index([INDEX, *levels])
-
-
-def _poses(pandas, table, level, fields):
-    """Return the frame of messages that are a line each; `fields` by column."""
-
-    def lines(value):
-        yield (), {column: getattr(value, field) for column, field in fields.items()}
-
-    return _lines(pandas, table, lines, level)
-
-
-def _edges(pandas, table):
-    def lines(value):
-        for side in ('left', 'right'):
-            yield (side,), dict(zip(('x_m', 'y_m'), getattr(value, side).T))
-
-    return _lines(pandas, table, lines, 'edge', 'point')
-
-
-def _obstacles(pandas, table):
-    names = tuple(MEANINGS['/scenario/obstacles'])
-    rows = (
-        {
-            f'{name}{MEMBER}{item.id}': number
-            for item in message.items
-            for name, number in zip(names, (item.X, item.Y, item.r_obs, item.vX, item.vY))
-        }
-        for message in table.values
-    )
-    frame = _records(pandas, table, rows)
-    # an obstacle that appears later is in no other place of the table
-    numbers = sorted({item.id for message in table.values for item in message.items})
-    return frame[['stamp_ns', *(f'{name}{MEMBER}{k}' for k in numbers for name in names)]]
-
-
-def _reports(pandas, table, **about):
-    """Return the frame of reports; `about` are the fields that come before their values."""
-    rows = ({**{n: getattr(v, f) for n, f in about.items()}, **v.values} for v in table.values)
-    return _records(pandas, table, rows)
-
-
-POSE = {'x_m': 'X', 'y_m': 'Y', 'yaw_rad': 'psi'}  # columns of a pose, and its fields
-STATUS = {'level': 'level', 'message': 'message'}
-_BUILDERS: dict[str, Callable[[Any, Columns], 'pd.DataFrame']] = {
-    '/scenario/reference': partial(_poses, level='point', fields={**POSE, 'passes_s': 't'}),
-    '/scenario/road_edges': _edges,
-    '/scenario/obstacles': _obstacles,
-    '/controller/prediction': partial(_poses, level='stage', fields={'ahead_s': 't', **POSE}),
-    '/controller/why': partial(_reports, **STATUS),
-    '/diagnostics': partial(_reports, node='name', **STATUS),
-    '/clock': partial(_records, rows=itertools.repeat({})),
-    '/vehicle/run_start': partial(_records, rows=itertools.repeat({})),
-}
-FRAMED = (*TOPICS, *_BUILDERS)  # the topics that have a DataFrame

@@ -14,8 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bags.evaluation.drive import Drive
-from bags.evaluation.flattening import flatten
-from bags.evaluation.metrics.registry import Metric, table_metrics
+from bags.evaluation.metrics.registry import Metric, flatten, table_metrics
 from bags.figures.style import TUNED
 
 CSV_FILE = 'comparison.csv'

@@ -10,6 +10,7 @@ import json
 import signal
 import sys
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from functools import partial
 from itertools import count
@@ -22,17 +23,20 @@ from bags.storage.bag_writer import BagWriter, Split
 from bags.storage.message_filing import (
     CLOCK,
     LOCKSTEP,
+    LOSS_RECORD,
     ClockError,
     Filing,
+    Losses,
     RecorderParams,
     SimulatedTime,
     bag_topic,
 )
-from bags.storage.message_loss import LOSS_RECORD, RecordingHealth, loss_record
 from msgs_yaml import contract, encode, share
 from msgs_yaml.contract import Topic
 from msgs_yaml.conversions import NS_PER_S
+from msgs_yaml.types import Health
 from node_runtime import provenance, ros, spin_node
+from node_runtime.input_monitor import OK, STALE, WARN, HeldLevel
 from node_runtime.managed_node import ManagedNode
 from node_runtime.parameters import ParameterError
 
@@ -43,6 +47,13 @@ ANY = 'any'  # publisher in the contract of a topic that several nodes publish
 QUIET_S = 0.05  # at the end: no message has arrived for so long
 LONGEST_END_S = 1.0
 MB = 1e6
+RECORDER = 'recorder'
+NO_TOPIC = 'none'
+_MESSAGES = {
+    OK: 'recording',
+    WARN: 'messages were lost: the recorder or the network is too slow',
+    STALE: 'no message has arrived yet',
+}
 
 
 class RecorderNode(ManagedNode):
@@ -69,8 +80,8 @@ class RecorderNode(ManagedNode):
         """Create the bag, and subscribe."""
         self.time = SimulatedTime(lambda: _arrived(self.inlets[CLOCK]))
         mode, params = ros.mode(self), self.params
-        self.topics = recorded_topics()
-        topics = [bag_topic(topic, mode) for topic in self.topics.values()]
+        recorded = recorded_topics()
+        topics = [bag_topic(topic, mode) for topic in recorded.values()]
         if not params.out:
             raise ParameterError('out: is missing; it names the folder to create for the bag')
         folder, numbers = params.out, count(2)
@@ -86,11 +97,11 @@ class RecorderNode(ManagedNode):
         clock_publisher = contract.load().topics[CLOCK].publisher
         # a second node without an executor: only `drain` takes its messages
         self.inbox = ros.polled_node(self, f'{self.get_name()}_inbox')
-        self.filings, self.inlets = [], {}
-        for k, (described, (name, topic)) in enumerate(zip(topics, self.topics.items())):
+        self.filings, self.inlets = {}, {}  # by topic
+        for k, (described, (name, topic)) in enumerate(zip(topics, recorded.items())):
             write, by_plant = partial(self.bag.write, k), topic.publisher == clock_publisher
             is_single = topic.publisher != ANY
-            self.filings.append(Filing(described, mode, write, is_single, self.time, by_plant))
+            self.filings[name] = Filing(described, mode, write, is_single, self.time, by_plant)
             # a queue that drops no message
             profile = ros.to_qos_profile(topic.requested_qos(mode))
             profile.history = HistoryPolicy.KEEP_ALL
@@ -130,16 +141,15 @@ class RecorderNode(ManagedNode):
             self._guard(self._file_arrived)
         elif self.bag is not None:
             # a queue that is full would block its publisher
-            for subscription, filing in zip(self.inlets.values(), self.filings):
-                for _ in _arrived(subscription):
+            for topic, filing in self.filings.items():
+                for _ in _arrived(self.inlets[topic]):
                     filing.pass_over()
         if self.stopping:
             spin_node.finish(self, self.exit_code)
 
     def _file_arrived(self):
         if self.drain():
-            losses = self.contract_losses().items()
-            received = {name for name, counts in losses if counts.received}
+            received = {name for name, counts in self.losses().items() if counts.received}
             if received > self.received:
                 # each topic once, when its first message is filed
                 new = ', '.join(sorted(received - self.received))
@@ -167,24 +177,20 @@ class RecorderNode(ManagedNode):
     def drain(self) -> int:
         """File every message that has arrived; return how many there were."""
         taken = 0
-        for (topic, subscription), filing in zip(self.inlets.items(), self.filings):
-            arrived = self.time.take() if topic == CLOCK else _arrived(subscription)
+        for topic, filing in self.filings.items():
+            arrived = self.time.take() if topic == CLOCK else _arrived(self.inlets[topic])
             for message in arrived:
                 filing.file(*message)
                 taken += 1
         return taken
 
     def losses(self):
-        """Return the Losses of each topic so far."""
-        return {name: filing.counter.losses for name, filing in zip(self.topics, self.filings)}
-
-    def contract_losses(self):
-        """Return those of the topics of the contract, which a run consists of."""
-        return {name: n for name, n in self.losses().items() if name in contract.load().topics}
+        """Return the Losses so far of each topic of the contract, which a run consists of."""
+        return {name: self.filings[name].counter.losses for name in contract.load().topics}
 
     def warn_of_misdated(self):
         """Warn once per topic of a message whose log time differs from its stamp."""
-        for topic, filing in zip(self.inlets, self.filings):
+        for topic, filing in self.filings.items():
             if filing.misdated and topic not in self.warned:
                 self.warned.add(topic)
                 stamp_ns, log_ns = filing.first_misdated
@@ -197,12 +203,11 @@ class RecorderNode(ManagedNode):
     def publish_health(self):
         """Publish the health, stamped with the time of the machine."""
         now_ns = self.get_clock().now().nanoseconds
-        self.health_pub.publish(encode.health(self.health.health(now_ns, self.contract_losses())))
+        self.health_pub.publish(encode.health(self.health.health(now_ns, self.losses())))
 
     def close(self):
         """File the messages still in transit, complete the bag."""
-        last = (self._drain_to_the_end,) if self.is_active else ()
-        for write in (*last, self._complete):
+        for write in (self._drain_to_the_end, self._complete):
             if self.bag is not None:
                 self._guard(write)
 
@@ -213,8 +218,8 @@ class RecorderNode(ManagedNode):
         super().destroy_node()
 
     def _drain_to_the_end(self):
-        end = time.monotonic() + LONGEST_END_S
         quiet_since = time.monotonic()
+        end = quiet_since + (LONGEST_END_S if self.is_active else 0.0)
         while not self.exit_code and time.monotonic() < min(end, quiet_since + QUIET_S):
             if self.drain():
                 quiet_since = time.monotonic()
@@ -226,15 +231,38 @@ class RecorderNode(ManagedNode):
         warn = self.get_logger().warning
         if left_out:
             warn(f'{left_out} messages are left out whose stamp fell back before {CLOCK} did')
-        losses = self.losses()
-        span = self.bag.close({LOSS_RECORD: loss_record(losses)})
-        self.get_logger().info(f'{span.count} messages in {self.bag.folder}')
-        for (topic, counts), filing in zip(losses.items(), self.filings):
-            if counts.lost:
-                warn(f'{topic}: {counts.lost} messages lost in {counts.gaps} places')
+        losses = {name: filing.counter.losses for name, filing in self.filings.items()}
+        record = {name: json.dumps(counts._asdict()) for name, counts in losses.items()}
+        written = self.bag.close({LOSS_RECORD: record})
+        self.get_logger().info(f'{written} messages in {self.bag.folder}')
+        for topic, filing in self.filings.items():
+            if losses[topic].lost:
+                lost, gaps = losses[topic].lost, losses[topic].gaps
+                warn(f'{topic}: {lost} messages lost in {gaps} places')
             if filing.misdated:
                 other = f'{filing.misdated} messages are filed under another time than their stamp'
                 warn(f'{topic}: {other}')
+
+
+class RecordingHealth:
+    """Computes the health of a recording; a loss is held for a while (`HeldLevel`)."""
+
+    def __init__(self, mode: str):
+        """Take from the contract which topics nodes publish without request in `mode`."""
+        topics = contract.load().topics.values()
+        self._expected = [topic.name for topic in topics if topic.rate_hz[mode]]
+        self._lost = 0  # at the last report
+        self._held = HeldLevel()
+
+    def health(self, stamp_ns: int, counted: Mapping[str, Losses]) -> Health:
+        """Return the health at a stamp; `counted` are the losses of every topic so far."""
+        received = sum(losses.received for losses in counted.values())
+        lost = sum(losses.lost or 0 for losses in counted.values())
+        more, self._lost = lost > self._lost, lost
+        level = self._held.update(WARN if more else OK if received else STALE, stamp_ns)
+        silent = [name for name in self._expected if not counted[name].received]
+        values = {'messages': received, 'lost': lost, 'silent': ' '.join(silent) or NO_TOPIC}
+        return Health(stamp_ns, RECORDER, level, _MESSAGES[level], values)
 
 
 def recorded_topics() -> dict[str, Topic]:

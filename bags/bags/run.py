@@ -30,9 +30,8 @@ from bags.evaluation.drive import (
     drive_from_columns,
     drop_nonfinite,
 )
-from bags.evaluation.flattening import flatten
 from bags.evaluation.metrics import METRICS, VERDICT
-from bags.evaluation.metrics.registry import EvaluatedDrive
+from bags.evaluation.metrics.registry import EvaluatedDrive, flatten
 from bags.storage import read
 from bags.storage.columns import Columns
 from bags.storage.invalid_messages import KEY, count_invalid, describe_invalid, drop_invalid

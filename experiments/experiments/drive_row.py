@@ -19,7 +19,7 @@ import numpy as np
 from bags.errors import BagError
 from bags.evaluation import metrics
 from bags.evaluation.drive import drive_from_columns
-from bags.evaluation.flattening import flatten
+from bags.evaluation.metrics.registry import flatten
 from experiments import code_version, simulation
 from experiments.configuration import inputs, node_config, set_option
 from experiments.configuration.inputs import KPH

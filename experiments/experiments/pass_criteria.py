@@ -7,8 +7,8 @@ from rich.table import Table
 from rich.text import Text
 
 from bags.errors import BagError
-from bags.evaluation.flattening import flatten
 from bags.evaluation.metrics import METRICS
+from bags.evaluation.metrics.registry import flatten
 from msgs_yaml.strict_yaml import closest
 from scenario_publisher.expectations import Expectation, Expectations
 

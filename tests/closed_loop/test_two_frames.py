@@ -9,7 +9,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from bags.evaluation import frame_distances
+from bags.figures import frame_distances
 from experiments import simulation
 from mpcc_controller.model.single_track import State
 from mpcc_controller.path import reference_path, road_edges

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bags.evaluation.vehicle_shape import Outline, circles_of
+from bags.evaluation.drive import Outline, circles_of
 from mpcc_controller import in_force
 from mpcc_controller.driving import guesses
 from mpcc_controller.driving.controller import Controller

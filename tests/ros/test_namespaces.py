@@ -10,7 +10,7 @@ from node_ring import NodeRing
 
 from bags.report.comparison import compare_bags
 from bags.storage import read
-from bags.storage.message_loss import LOSS_RECORD
+from bags.storage.message_filing import LOSS_RECORD
 from msgs_yaml import contract
 
 SHORT = {'stop.x_m': 15.0, 'stop.armed_after_m': 1.0}  # about a second of driving

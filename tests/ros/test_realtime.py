@@ -9,7 +9,7 @@ import pytest
 from recorded_runs import ON_THE_WALL_CLOCK
 
 from bags import cli
-from bags.evaluation import tick_timing
+from bags.evaluation import bag_summary
 from bags.storage import read
 from msgs_yaml import decode
 
@@ -58,7 +58,7 @@ def test_the_car_is_held_at_its_start_until_the_controller_answers(bag):
 
 def test_every_tick_of_the_bag_is_accounted_for(bag):
     """How many are missed depends on what else this machine does: bench/realtime.py tells."""
-    report = tick_timing.timing_report(bag)
+    report = bag_summary.timing_report(bag)
     assert report['mode'] == 'realtime'
     # counted anew: a tick is 50 ms of stamps; the last one's answer may come after the end
     blind = {why.stamp_ns for why in read.values(bag, WHY) if why.values['reason'] == 'state_stale'}
@@ -85,7 +85,7 @@ def test_the_parts_of_a_tick_lie_between_its_state_and_its_command(bag):
             heard_ms = (values['time.heard_ns'] - sent_ns) / 1e6
             expected.append(((command_ns[stamp] - sent_ns) / 1e6, heard_ms, *own))
     assert expected
-    parts = tick_timing.tick_parts(bag)
+    parts = bag_summary.tick_parts(bag)
     # a double resolves times since 1970 to 256 ns
     assert np.column_stack(parts[:5]) == pytest.approx(np.array(expected), rel=1e-6, abs=3e-4)
     assert parts.publish + parts.rest == pytest.approx(parts.total - sum(parts[1:5]))

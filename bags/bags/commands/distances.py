@@ -21,11 +21,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Compute the distances and show them. Raises BagError."""
     from bags import run as run_of
-    from bags.figures import frame_distance_figure
+    from bags.figures import frame_distances
 
     out = args.out or Path(os.path.abspath(args.bag)).parent
     drive = run_of.load(args.bag).drive
-    show(frame_distance_figure.write_frame_distances(drive, out), Console())
+    show(frame_distances.write_frame_distances(drive, out), Console())
     return 0
 
 

@@ -71,7 +71,7 @@ def show(summary: Mapping[str, Any], console: Console) -> None:
 
 def _describe_run(summary) -> Iterator[str]:
     """Yield latency, ticks and reports of the controller, a line each."""
-    from bags.evaluation.tick_timing import describe_ticks
+    from bags.evaluation.bag_summary import describe_ticks
 
     if summary['latency_ms'] is not None:
         quantiles = (f'{name} {value:.2f}' for name, value in summary['latency_ms'].items())

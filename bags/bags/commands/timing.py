@@ -24,15 +24,15 @@ add_arguments = command_line.add_summary_arguments
 
 def run(args: argparse.Namespace) -> int:
     """Print the report. Raises BagError when the bag cannot be read."""
-    from bags.evaluation.tick_timing import timing_report
+    from bags.evaluation.bag_summary import timing_report
     from bags.storage import read
 
     return command_line.print_summary(timing_report(read.load(args.bag)), args.json, show)
 
 
 def show(report: dict[str, Any], console: Console) -> None:
-    """Print a report (`tick_timing.timing_report`); a dash where its bag lacks a time."""
-    from bags.evaluation.tick_timing import QUANTILES, describe_ticks
+    """Print a report (`bag_summary.timing_report`); a dash where its bag lacks a time."""
+    from bags.evaluation.bag_summary import QUANTILES, describe_ticks
     from bags.storage.invalid_messages import describe_invalid
 
     table = Table(box=None, header_style='bold', pad_edge=False)

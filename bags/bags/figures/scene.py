@@ -1,7 +1,7 @@
 """A run from above as a list of shapes, computed once for every view of it.
 
-The figures and the film draw the shapes with Matplotlib, `report.animation` on the page, and
-`viewers.marker_scene` as markers. Positions are in the frame map [m].
+The figures and the film draw the shapes with Matplotlib, `report.page_figures` on the page, and
+`markers_node` as markers. Positions are in the frame map [m].
 
 road_shapes, obstacle_shapes, car_shapes   of values, wherever they come from
 states_at, positions_at                    of a recorded run, at any times

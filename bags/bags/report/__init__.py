@@ -1,8 +1,7 @@
 """Compare runs: table, JSON, CSV, figures and an HTML report that needs no network.
 
-comparison          compare bags, or runs, and write all results
-comparability       refuse runs of different scenarios or plants; provenance of each run
-page                report.html
-interactive_panels  its panels as Bokeh figures
-animation           its animation of the manoeuvre
+comparison     compare bags, or runs, and write all results
+comparability  refuse runs of different scenarios or plants; what drove, and its provenance
+page           report.html
+page_figures   its panels and its film of the manoeuvre, with Bokeh
 """

@@ -1,4 +1,4 @@
-"""Whether runs are comparable (same scenario, same plant), and the provenance of each run.
+"""Whether runs are comparable (same scenario, same plant), what drove, and its provenance.
 
 Provenance: commit, versions, machine, mode, and the parameters that differ. All of it is in the
 metadata record `run` of a bag, here `info`.
@@ -8,6 +8,8 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import yaml
 
 from bags.errors import BagError
 
@@ -27,6 +29,9 @@ ABSENT = '–'
 HASH_DIGITS = 10  # of commits and files; comparison.json and the bag have all
 # paths of the recorder, which differ between any two runs
 PER_RUN = ('out', 'run_info')
+SCENARIO_TEXT = 'scenario_text'
+CONTROLLER_TEXT = 'controller_description'  # the comment at the top of the parameter file
+UNKNOWN = 'the recording holds no description'
 
 
 def check_comparable(paths: Sequence[Path | str], infos: Sequence[Mapping[str, str]]) -> None:
@@ -117,3 +122,32 @@ def _rows(runs: Sequence[Mapping[str, Any]]):
         texts = [ABSENT if v is None else text for v, text in zip(values, texts)]
         rows.append(ProvenanceRow(name, texts, any(value != values[0] for value in values)))
     return rows
+
+
+def describe_runs(names: Sequence[str], infos: Sequence[Mapping[str, str]]) -> dict[str, Any]:
+    """Return what the report says of runs by their names; `infos` are their metadata records `run`.
+
+    They are the texts `scenario` and `scenario_file`, '' where the recording does not hold it, and
+    `controllers` by run.
+    """
+    text = infos[0].get(SCENARIO_TEXT, '')
+    controllers = {name: info.get(CONTROLLER_TEXT) or UNKNOWN for name, info in zip(names, infos)}
+    try:
+        described = yaml.safe_load(text)['description']
+    except (yaml.YAMLError, TypeError, KeyError):
+        described = None
+    return {
+        'scenario': str(described or UNKNOWN),
+        'scenario_file': text,
+        'controllers': controllers,
+    }
+
+
+def leading_comment(text: str) -> str:
+    """Return the comment at the top of a YAML file, without the `#`, as one paragraph."""
+    lines = []
+    for line in text.splitlines():
+        if not line.startswith('#'):
+            break
+        lines.append(line.lstrip('#').strip())
+    return ' '.join(line for line in lines if line)

@@ -12,14 +12,13 @@ from bokeh.resources import Resources
 
 from bags import metrics_table
 from bags.evaluation import metrics
-from bags.evaluation.descriptions import describe_runs
 from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.figures import style
 from bags.figures.overlay import Overlay
 from bags.figures.panels import legend_looks
-from bags.report import animation, interactive_panels
-from bags.report.comparability import origin_rows, parameter_rows
-from bags.report.interactive_panels import PANELS
+from bags.report import page_figures
+from bags.report.comparability import describe_runs, origin_rows, parameter_rows
+from bags.report.page_figures import PANELS
 from bags.storage.invalid_messages import KEY
 
 REPORT_FILE = 'report.html'
@@ -37,11 +36,11 @@ def report_html(
     """
     infos = [run.log.run_info for run in runs]
     with_paper = values.get(metrics_table.OF_PAPER, False)
-    view = animation.build_top_view(runs, overlays)
+    view = page_figures.build_top_view(runs, overlays)
     duration = float(view['obstacles']['t'][-1])
     time_axis = Range1d(0.0, duration)
-    drawn = (interactive_panels.plot_panel(panel, runs, time_axis, overlays) for panel in PANELS)
-    panels = [*filter(None, drawn), interactive_panels.plot_gg(runs)]
+    drawn = (page_figures.plot_panel(panel, runs, time_axis, overlays) for panel in PANELS)
+    panels = [*filter(None, drawn), page_figures.plot_gg(runs)]
     shaded = {panel.name for panel in PANELS if panel.unsafe}
     document = Document()
     # one pass over all models instead of one per figure
@@ -72,7 +71,7 @@ def report_html(
         invalid=values.get(KEY, {}),
         verdicts={name: run['verdict'] for name, run in values['runs'].items()},
         duration=duration,
-        opening=animation.opening_time(runs),
+        opening=page_figures.opening_time(runs),
         film=divs.pop('film'),
         gg=divs.pop('gg'),
         panels=divs,

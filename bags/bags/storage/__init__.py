@@ -6,7 +6,6 @@ columns               the columns of each topic
 decoding              stamps, values and columns from raw messages
 bag_writer            write a bag, in one file or several
 repair                rebuild a bag that was cut off or damaged
-message_filing        the log time under which a recorder files a message
-message_loss          losses from sequence numbers, health of a recording
+message_filing        the log time of a message, and how many were lost
 mcap_reader, mcap_scan, rosbag2_metadata, message_definitions, cdr   the formats
 """

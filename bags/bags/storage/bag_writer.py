@@ -14,7 +14,7 @@ from typing import NamedTuple
 from mcap.writer import CompressionType, Writer
 
 from bags.errors import BagError
-from bags.storage.rosbag2_metadata import BagTopic, FileFacts, Span, build_metadata, dump
+from bags.storage.rosbag2_metadata import BagTopic, FileFacts, build_metadata, dump
 
 CHUNK_BYTES = 768 * 1024  # default of rosbag2
 
@@ -37,7 +37,7 @@ class McapFile:
     ):
         self.topics = tuple(topics)
         self._name = name or path.name
-        self._counts = [0] * len(self.topics)
+        self._counts = Counter()  # messages by topic
         self.first_ns = self._last_ns = None  # log times of the messages written
         self._stream = _WholeWrites(path)
         self._writer = Writer(
@@ -69,7 +69,7 @@ class McapFile:
         `sequence` is the publisher's count, 0 where unknown.
         """
         self._writer.add_message(self._channels[topic], log_ns, data, publish_ns, sequence)
-        self._counts[topic] += 1
+        self._counts[self.topics[topic].name] += 1
         if self.first_ns is None:
             self.first_ns = self._last_ns = log_ns
         elif log_ns > self._last_ns:
@@ -83,11 +83,7 @@ class McapFile:
 
     def close(self, records: Mapping[str, Mapping[str, str]]) -> FileFacts:
         """Write further records, summary and footer; return what metadata.yaml says of the file."""
-        counts = Counter()
-        for topic, n in zip(self.topics, self._counts):
-            counts[topic.name] += n
-        span = Span(sum(self._counts), self.first_ns or 0, self._last_ns or 0)
-        facts = FileFacts(self._name, span, counts)
+        facts = FileFacts(self._name, self.first_ns or 0, self._last_ns or 0, self._counts)
         self._writer.flush()
         for record, values in records.items():
             self._writer.add_metadata(record, dict(values))
@@ -228,11 +224,9 @@ class BagWriter:
         """Close the current chunk and pass it to the operating system."""
         self._file.flush()
 
-    def close(self, records: Mapping[str, Mapping[str, str]] = MappingProxyType({})) -> Span:
-        """Complete the bag with further records, write metadata.yaml, return count and span."""
+    def close(self, records: Mapping[str, Mapping[str, str]] = MappingProxyType({})) -> int:
+        """Complete the bag with further records, write metadata.yaml, return how many messages."""
         self._closed.append(self._file.close(records))
         information = build_metadata(self.topics, self._closed)
         write_metadata(self.folder, information)
-        first_ns = information['starting_time']['nanoseconds_since_epoch']
-        last_ns = first_ns + information['duration']['nanoseconds']
-        return Span(information['message_count'], first_ns, last_ns)
+        return information['message_count']

@@ -1,8 +1,11 @@
-"""The log time under which a recorder files a message. No ROS.
+"""The log time under which a recorder files a message, and how many were lost. No ROS.
 
 In lockstep only /clock defines the time: messages wait for it, as it may arrive late. While time
 waits for an answer, nodes send the last message again; how often depends on the wall clock, so it
 is filed once. In realtime the log time is the time of arrival.
+
+DDS numbers the messages of a publisher from 1 on, and a recording keeps the numbers. Messages lost
+after the last recorded one leave no gap and cannot be counted.
 """
 
 import heapq
@@ -11,13 +14,12 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from functools import partial
 from itertools import count
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from bags.errors import BagError
 from bags.storage import cdr
 from bags.storage.decoding import stamp_reader
 from bags.storage.message_definitions import schema_text, type_hash
-from bags.storage.message_loss import LossCounter
 from bags.storage.read import LOCKSTEP
 from bags.storage.rosbag2_metadata import BagTopic, qos_text
 from msgs_yaml.contract import DERIVED_TYPES, Contract, Topic
@@ -32,6 +34,7 @@ LARGEST_WAIT = 500
 # messages with a stamp far ahead of /clock. DDS repeats a lost packet after seconds: /clock may
 # arrive after later messages, at 3,300 messages per second of simulated time
 LARGEST_AHEAD = 30_000
+LOSS_RECORD = 'losses'  # name of the MCAP metadata record: {topic: a Losses as JSON}
 CLOCK = '/clock'  # simulated time, in lockstep
 NEXT = -1  # before every time
 # by how much times of arrival may decrease: DDS may deliver a repeated packet late
@@ -47,6 +50,56 @@ class RecorderParams(Struct):
     poll_s: Annotated[float, Range(0.001, 0.1, 's')]
     split_mb: Annotated[float, Range(0.0, 1e6, 'MB')]
     split_s: Annotated[float, Range(0.0, 1e6, 's')]
+
+
+class Losses(NamedTuple):
+    """Counts of one topic; None where the sequence numbers are of no use.
+
+    They are of no use where the middleware gives none, and where they do not increase: several
+    publishers, or one that was restarted.
+    """
+
+    received: int
+    lost: int | None  # between the first and the last message
+    gaps: int | None  # gaps in the numbers
+    longest: int | None  # most messages lost in one gap
+    before: int | None  # sent before the recorder subscribed
+
+
+class LossCounter:
+    """Counts the messages of one topic."""
+
+    def __init__(self):
+        self._received = self._lost = self._gaps = self._longest = 0
+        self._first = self._last = None
+        self._increasing = True
+
+    def add(self, sequence: int | None) -> None:
+        """Count a message; its number is 0 or None where the middleware gives none."""
+        self._received += 1
+        last, self._last = self._last, sequence
+        if last is None:
+            self._first = sequence
+        if not sequence or (last is not None and sequence <= last):
+            self._increasing = False
+        elif last is not None and sequence > last + 1:
+            missing = sequence - last - 1
+            self._lost += missing
+            self._gaps += 1
+            self._longest = max(self._longest, missing)
+
+    def add_all(self, sequence: Iterable[int]) -> 'LossCounter':
+        """Count many messages; return this counter."""
+        for number in sequence:
+            self.add(number)
+        return self
+
+    @property
+    def losses(self) -> Losses:
+        """The counts so far."""
+        if not (self._received and self._increasing):
+            return Losses(self._received, None, None, None, None)
+        return Losses(self._received, self._lost, self._gaps, self._longest, self._first - 1)
 
 
 class SimulatedTime:

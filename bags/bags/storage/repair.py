@@ -19,7 +19,7 @@ from bags.errors import BagError
 from bags.storage.bag_writer import INFORMATION, METADATA, McapFile, mcap_name, write_metadata
 from bags.storage.mcap_reader import EMPTY_FILE, mcap_files, missing_before, read_mcap
 from bags.storage.mcap_scan import Damage
-from bags.storage.rosbag2_metadata import YAML_ERRORS, FileFacts, Span, build_metadata
+from bags.storage.rosbag2_metadata import YAML_ERRORS, FileFacts, build_metadata
 from msgs_yaml.conversions import NS_PER_S
 
 COMPARED = ('message_count', 'starting_time', 'relative_file_paths')
@@ -54,7 +54,7 @@ class Repair(NamedTuple):
     @property
     def last_ns(self) -> int:
         """Log time of the last message, 0 without messages."""
-        return max(file.facts.span.last_ns for file in self.files)
+        return max(file.facts.last_ns for file in self.files)
 
 
 def repair_bag(path: Path | str) -> Repair:
@@ -79,8 +79,7 @@ def repair_bag(path: Path | str) -> Repair:
             kept = _replace(file, content, described)
         counts = Counter(content.topics[channel].name for channel in content.channel.tolist())
         times = content.log_ns if len(content.log_ns) else np.zeros(1, dtype=np.int64)
-        span = Span(len(content.payloads), int(times.min()), int(times.max()))
-        facts = FileFacts(file.name, span, counts)
+        facts = FileFacts(file.name, int(times.min()), int(times.max()), counts)
         repaired.append(FileRepair(file, kept, content.damage, facts, content.nameless))
     information = build_metadata(described, [file.facts for file in repaired])
     counts = sum((file.facts.counts for file in repaired), Counter())

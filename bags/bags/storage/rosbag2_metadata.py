@@ -24,19 +24,12 @@ class BagTopic(NamedTuple):
     qos: str  # offered QoS profiles: the text of a YAML list
 
 
-class Span(NamedTuple):
-    """Number of messages, and first and last log time [ns]."""
-
-    count: int
-    first_ns: int
-    last_ns: int
-
-
 class FileFacts(NamedTuple):
     """The metadata of one file of a bag."""
 
     name: str
-    span: Span
+    first_ns: int  # log times of its messages, 0 without any
+    last_ns: int
     counts: Counter[str]  # messages per topic
 
 
@@ -111,16 +104,13 @@ def _profiles(text):
 def build_metadata(topics: Sequence[BagTopic], files: Sequence[FileFacts]) -> dict:
     """Return the mapping under 'rosbag2_bagfile_information' of a bag in one file or several."""
     counts = sum((file.counts for file in files), Counter())
-    filled = [file.span for file in files if file.span.count]
-    whole = Span(
-        sum(span.count for span in filled),
-        min((span.first_ns for span in filled), default=0),
-        max((span.last_ns for span in filled), default=0),
-    )
+    filled = [file for file in files if file.counts.total()]
+    first_ns = min((file.first_ns for file in filled), default=0)
+    last_ns = max((file.last_ns for file in filled), default=0)
     return {
         'version': 9,
         'storage_identifier': 'mcap',
-        **_times(whole),
+        **_times(FileFacts('', first_ns, last_ns, counts)),
         'topics_with_message_count': [
             {
                 'topic_metadata': {
@@ -138,17 +128,17 @@ def build_metadata(topics: Sequence[BagTopic], files: Sequence[FileFacts]) -> di
         'compression_format': '',
         'compression_mode': '',
         'relative_file_paths': [file.name for file in files],
-        'files': [{'path': file.name, **_times(file.span)} for file in files],
+        'files': [{'path': file.name, **_times(file)} for file in files],
         'custom_data': None,
         'ros_distro': 'jazzy',
     }
 
 
-def _times(span):
+def _times(file):
     return {
-        'starting_time': {'nanoseconds_since_epoch': span.first_ns},
-        'duration': {'nanoseconds': span.last_ns - span.first_ns},
-        'message_count': span.count,
+        'starting_time': {'nanoseconds_since_epoch': file.first_ns},
+        'duration': {'nanoseconds': file.last_ns - file.first_ns},
+        'message_count': file.counts.total(),
     }
 
 

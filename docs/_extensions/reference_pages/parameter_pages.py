@@ -4,9 +4,9 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from bags.markers_node import ShapeParams
 from bags.player_node import PlayerParams
 from bags.storage.message_filing import RecorderParams
-from bags.viewers.marker_scene import ShapeParams
 from mpcc_controller import run_time_parameters
 from mpcc_controller.parameters import CarParams, ControllerParams
 from msgs_yaml import share

@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Drive, compare and draw. Raises BagError."""
     # imported late: controllers and figures take a second to load
-    from bags.figures import frame_distance_figure
+    from bags.figures import frame_distances
     from bags.report.comparison import compare_bags, show_comparison
     from bags.run import load
     from experiments.run import run_file
@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
         raise BagError(f'{PICTURE}: is not here; `experiments paper` runs in a clone')
     console = Console()
     (bag,) = _drive(CIRCLE, [CIRCLE_CONTROLLER], options.out, (), console)
-    distances = frame_distance_figure.write_frame_distances(load(bag).drive, options.out / CIRCLE)
+    distances = frame_distances.write_frame_distances(load(bag).drive, options.out / CIRCLE)
     picture = run_file.load(str(PICTURE))
     settings = [
         f'{role}.{name}={value}'

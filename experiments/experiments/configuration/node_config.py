@@ -16,9 +16,8 @@ import numpy as np
 import yaml
 
 from bags.errors import BagError
-from bags.evaluation.descriptions import CONTROLLER_TEXT, leading_comment
-from bags.evaluation.drive import LATERAL_LIMIT
-from bags.evaluation.vehicle_shape import circles_of, outline_of
+from bags.evaluation.drive import LATERAL_LIMIT, circles_of, outline_of
+from bags.report.comparability import CONTROLLER_TEXT, leading_comment
 from msgs_yaml import missing_file, share, strict_yaml
 from msgs_yaml.missing_file import YAML_SUFFIXES
 from node_runtime import node_parameters, parameters, provenance

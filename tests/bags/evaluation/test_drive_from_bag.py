@@ -34,6 +34,8 @@ PARAMETERS = {
         'car.outline.rear_overhang_m': 1.1,
         'car.outline.width_m': 1.9,
         'car.body.cog_to_rear_m': 1.5,
+        'car.suspension.front.track_m': 1.6,
+        'car.suspension.rear.track_m': 1.7,
         'friction': 0.5,
         'stop.armed_after_m': 80.0,
         'stop.x_m': 165.0,
@@ -54,6 +56,7 @@ def test_the_judge_takes_its_distances_from_the_notes_of_the_run():
     assert (result.stop, result.armed_after) == ((165.0, 1.0), 80.0)
     assert result.outline.front + result.outline.rear == pytest.approx(2.9 + 0.8 + 1.1)
     assert result.outline.width == 1.9
+    assert set(result.wheels) == {(1.4, 0.8), (1.4, -0.8), (-1.5, 0.85), (-1.5, -0.85)}
 
 
 @pytest.mark.parametrize('topic', ['/vehicle/odometry', '/controller/command'])

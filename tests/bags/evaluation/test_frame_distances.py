@@ -7,8 +7,7 @@ import pytest
 from straight_drive import obstacle
 
 from bags.errors import BagError
-from bags.evaluation import frame_distances
-from bags.figures import frame_distance_figure
+from bags.figures import frame_distances
 
 RADIUS, REACH, SPEED = 20.0, 2.1, 9.0
 GAPS = np.array([2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 40.0])
@@ -37,24 +36,8 @@ def test_the_chord_is_the_distance_of_two_points_of_the_plane():
     assert result.cartesian == pytest.approx(np.abs(there - (RADIUS - vehicle)) - REACH, abs=1e-12)
 
 
-def test_the_frames_agree_beside_the_obstacle_and_on_a_straight_road():
-    result = frame_distances.circle_distances(RADIUS, 0.0, 1.0, REACH)
-    assert result.frenet == result.cartesian == pytest.approx(1.0 - REACH)
-    result = frame_distances.circle_distances(1e7, GAPS, 1.0, REACH)
-    assert np.abs(result.overestimation).max() < 1e-5
-
-
-def test_inside_the_circle_there_is_less_room_than_the_path_says_the_less_the_tighter_it_is():
-    gap = np.linspace(0.1, np.pi * RADIUS, 200)
-    assert np.all(frame_distances.circle_distances(RADIUS, gap, 1.0, REACH).overestimation > 0)
+def test_the_sign_turns_at_one_gap_outside_the_circle_and_at_none_inside():
     assert frame_distances.turning_gap(RADIUS, 1.0) == 0.0
-    radius = 1 / np.linspace(1e-3, 0.06, 60)
-    for gap in (5.0, 10.0, 20.0, 30.0):
-        result = frame_distances.circle_distances(radius, gap, 1.0, REACH)
-        assert np.all(np.diff(result.overestimation) > 0)
-
-
-def test_outside_the_circle_the_sign_turns_at_one_gap():
     turn = frame_distances.turning_gap(RADIUS, -1.0)
     assert turn == pytest.approx(15.27, abs=0.01)
     near, far = (
@@ -97,7 +80,7 @@ def test_recorded_poses_give_the_closed_forms_of_where_they_are(make_drive, turn
 
 
 def test_figure_and_numbers_of_a_drive_are_written(make_drive, tmp_path):
-    result = frame_distance_figure.write_frame_distances(lap(make_drive), tmp_path)
+    result = frame_distances.write_frame_distances(lap(make_drive), tmp_path)
     assert json.loads((tmp_path / 'distances.json').read_text()) == result.values
     assert [path.suffix for path in result.figures] == ['.png', '.svg']
     assert all(path.stat().st_size > 10_000 for path in result.figures)

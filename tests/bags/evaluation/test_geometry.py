@@ -31,14 +31,10 @@ def test_distance_is_positive_on_the_left_and_negative_on_the_right(point, dista
     assert geometry.distance_to_polyline([point], CORNER) == pytest.approx([distance])
 
 
-@settings(max_examples=60)
-@given(st.floats(-14.0, 14.0), st.floats(0.01, 2.0 * np.pi - 0.01))
-def test_distance_to_a_circle_is_the_difference_of_the_radii(offset, angle):
-    radius = 15.0
-    r = radius - offset
-    point = [[r * np.sin(angle), radius - r * np.cos(angle)]]
-    distance = geometry.distance_to_polyline(point, circle(radius, 1.0, 2001))
-    assert distance == pytest.approx([offset], abs=1e-4)
+def test_beyond_a_hairpin_the_segment_that_sees_a_point_more_squarely_decides_about_the_side():
+    hairpin = [[0.0, 0.0], [10.0, 0.0], [0.0, 1.0]]
+    distances = geometry.distance_to_polyline([[11.0, -0.5], [11.0, 0.2]], hairpin)
+    assert np.sign(distances).tolist() == [-1.0, -1.0]
 
 
 def test_driving_two_laps_is_twice_the_circumference_and_never_jumps():

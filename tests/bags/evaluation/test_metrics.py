@@ -11,7 +11,6 @@ import pytest
 from straight_drive import MS, START_NS, drive_of, obstacle, straight_scene
 
 from bags.errors import BagError
-from bags.evaluation import drive as drives
 from bags.evaluation import metrics
 from bags.evaluation.drive import Ticks
 from bags.evaluation.metrics import driving
@@ -543,17 +542,6 @@ def test_overshoot_is_running_wide_of_a_bend(at, amount, counted):
     expected = [(near(at, 2.0), pytest.approx(abs(amount), rel=0.1))] if counted else []
     assert wide == expected
     assert result['peak_overshoot_m'] == max((item[1] for item in wide), default=0.0)
-
-
-def test_wheels_are_where_wheelbase_and_tracks_put_them():
-    parameters = {
-        'car.body.cog_to_front_m': 1.2,
-        'car.body.cog_to_rear_m': 1.5,
-        'car.suspension.front.track_m': 1.6,
-        'car.suspension.rear.track_m': 1.7,
-    }
-    wheels = drives._wheels(parameters)
-    assert set(wheels) == {(1.2, 0.8), (1.2, -0.8), (-1.5, 0.85), (-1.5, -0.85)}
 
 
 @pytest.mark.parametrize('part', ['motion', 'accelerations', 'inputs'])

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from straight_drive import drive_of, obstacle, straight_scene
 
 from bags.figures import comparison_figures, panels, style
-from bags.report import interactive_panels
+from bags.report import page_figures
 
 
 @pytest.fixture(scope='module')
@@ -156,7 +156,7 @@ def test_many_runs_of_a_controller_share_a_colour_and_a_line_of_the_legend():
     st.integers(1, 40),
 )
 def test_thinning_keeps_extremes_gaps_ends_and_order(values, bins):
-    kept = interactive_panels.decimate(values, bins)
+    kept = page_figures.decimate(values, bins)
     assert np.all(np.diff(kept) > 0)
     assert (kept[0], kept[-1]) == (0, len(values) - 1)
     assert len(kept) <= 3 * bins + 2

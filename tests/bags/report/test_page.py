@@ -10,9 +10,14 @@ import pytest
 
 from bags.evaluation import metrics
 from bags.evaluation.controller_log import EMPTY_LOG
-from bags.evaluation.descriptions import UNKNOWN, describe_runs, leading_comment
-from bags.report import animation, interactive_panels, page
-from bags.report.comparability import origin_rows, parameter_rows
+from bags.report import page, page_figures
+from bags.report.comparability import (
+    UNKNOWN,
+    describe_runs,
+    leading_comment,
+    origin_rows,
+    parameter_rows,
+)
 
 LIMIT_BYTES = 5_000_000
 
@@ -74,25 +79,25 @@ def test_a_drive_without_notes_has_a_report_all_the_same(material, runs):
 
 
 def test_the_film_is_where_the_drive_was(runs):
-    t = animation.frame_times(runs)
+    t = page_figures.frame_times(runs)
     assert t[-1] >= runs[0].series.t[-1]
     run = runs[0]
-    car = animation.car_frames(run, t)
+    car = page_figures.car_frames(run, t)
     k = np.searchsorted(run.series.t, t[100])
     assert car['x'][100] == pytest.approx(run.drive.motion.x[k], abs=1e-3)
     assert car['y'][100] == pytest.approx(run.drive.motion.y[k], abs=1e-3)
-    view = animation.build_top_view(runs)
+    view = page_figures.build_top_view(runs)
     x = view['obstacles']['x']
     assert x[:, 0] == pytest.approx(60.0)
-    assert np.diff(x[:, 1]) == pytest.approx(5.0 * animation.FRAME_NS * 1e-9, abs=1e-4)
+    assert np.diff(x[:, 1]) == pytest.approx(5.0 * page_figures.FRAME_NS * 1e-9, abs=1e-4)
     assert view['runs'][0]['plan']['x'].shape == (len(run.log.predictions), 26)
 
 
 def test_every_plot_has_its_unit_and_a_key_with_every_run(runs, report):
-    for panel in interactive_panels.PANELS:
+    for panel in page_figures.PANELS:
         assert '[' in panel.axis or panel.axis == 'F / µF_z'
     figures = report.read_text().split('<figure>')[1:]
-    assert len(figures) == len(interactive_panels.PANELS) + 1
+    assert len(figures) == len(page_figures.PANELS) + 1
     for figure in figures:
         key = figure.partition('</figure>')[0]
         for run in runs:
@@ -126,4 +131,4 @@ def test_the_film_opens_where_the_runs_are_closest_to_an_obstacle(runs):
     nearest = {run.name: np.fmin.reduce(list(run.series.v2o.values())) for run in runs}
     first = min(runs, key=lambda run: np.nanmin(nearest[run.name]))
     wanted = first.series.t[np.nanargmin(nearest[first.name])]
-    assert animation.opening_time(runs) == wanted > 0.0
+    assert page_figures.opening_time(runs) == wanted > 0.0

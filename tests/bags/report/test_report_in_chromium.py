@@ -5,7 +5,7 @@ from evaluated_drives import evaluate_runs
 
 from bags.evaluation import metrics
 from bags.report import page
-from bags.report.interactive_panels import PANELS
+from bags.report.page_figures import PANELS
 
 pytestmark = pytest.mark.slow
 INK = """(() => {

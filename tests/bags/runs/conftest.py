@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from one_second import every_message
+from example_messages import encoded
+from one_second import every_message, in_memory, recording
 from straight_drive import obstacle, straight_scene
 
 import bags
 from bags.run import Run
-from bags.storage import columns
-from msgs_yaml import flat_fields
+from bags.storage import read
 
 
 @pytest.fixture(scope='session')
@@ -33,14 +33,6 @@ def run(recorded):
 @pytest.fixture(scope='session')
 def second():
     """Return a run of one second with messages of every topic, and nothing about its nodes."""
-    tables = {}
-    for topic, values in every_message().items():
-        stamps = np.array([getattr(value, 'stamp_ns', value) for value in values])
-        t_s = (stamps - stamps[0]) * 1e-9
-        if topic in flat_fields.TYPES:
-            _, *fields = zip(*values)
-            named = dict(zip(columns.names(topic)[2:], map(np.array, fields)))
-            tables[topic] = columns.Columns(stamps, t_s, **named)
-        else:
-            tables[topic] = columns.Columns(stamps, t_s, values=tuple(values))
-    return Run(tables, 'one second', {})
+    sent = every_message().items()
+    made = (recording(topic, [encoded(topic, v) for v in values]) for topic, values in sent)
+    return Run(read.columns(in_memory(*made)), 'one second', {})

@@ -38,7 +38,8 @@ COSTS = [why.values['cost.con'] for why in SENT['/controller/why']]
 )
 def test_a_column_has_the_numbers_that_were_sent(second, topic, column, expected):
     frame = second.frame(topic)
-    assert frame[column].tolist() == list(expected)
+    # a heading is sent as a quaternion, a time as whole ns
+    assert frame[column].tolist() == pytest.approx(list(expected), rel=1e-12)
     assert frame['stamp_ns'].dtype == np.int64
     assert frame.index.get_level_values('t_s')[0] == 0.0
 
@@ -49,6 +50,7 @@ def test_a_frame_is_indexed_by_time_and_a_line_by_its_points(second):
     assert second.frame('/controller/prediction').index.names == ['t_s', 'stage']
     edges = second.frame('/scenario/road_edges')
     assert np.array_equal(edges.loc[0.0, 'right'][['x_m', 'y_m']], EDGES.right)
+    assert edges.loc[0.0, 'right'].index.tolist() == [*range(len(EDGES.right))]
     assert list(second.frame('/scenario/obstacles'))[:3] == ['stamp_ns', 'x_m.1', 'y_m.1']
     wheels = [f'torque_nm.{wheel}' for wheel in ('fl', 'fr', 'rl', 'rr')]
     for topic in ('/vehicle/actuators', '/vehicle/wheels'):
@@ -71,6 +73,7 @@ def test_an_obstacle_is_not_a_number_while_it_is_absent(second):
     first = table.values[0]._replace(items=table.values[0].items[1:])
     values = (first, *table.values[1:])
     frame = frames.frame_of(topic, Columns(table.stamp_ns, table.t_s, values=values))
+    assert tuple(frame)[1] == 'x_m.1'  # in the order of the ids all the same
     assert np.isnan(frame['x_m.1'].iloc[0])
     assert frame['x_m.1'].iloc[1] == 40.0
 

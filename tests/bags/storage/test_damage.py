@@ -26,7 +26,7 @@ from rosbags.rosbag2 import Reader
 
 from bags.errors import BagError, DamagedBagWarning
 from bags.evaluation.bag_summary import summarize_bag
-from bags.playback import build_playlist
+from bags.player_node import build_playlist
 from bags.storage import mcap_scan, read, repair
 from bags.storage.bag_writer import BagWriter, Split
 from bags.storage.mcap_reader import mcap_files, read_mcap

@@ -11,7 +11,7 @@ from straight_drive import drive_of
 
 from bags.commands import timing
 from bags.errors import BagError
-from bags.evaluation import tick_timing
+from bags.evaluation import bag_summary
 from bags.evaluation.bag_summary import summarize_bag
 from bags.storage import read
 from bags.storage.read import Recording
@@ -155,14 +155,14 @@ def ring(ticks, latency_ms=lambda k: 12.0, answered=lambda k: True, blind=(), un
 
 
 def test_the_parts_of_a_tick_are_told_apart_and_sum_up():
-    result = tick_timing.tick_parts(ring(20))
+    result = bag_summary.tick_parts(ring(20))
     # of the last one, how long sending took is not known: the tick after it tells
     parts = {'total': 12.0, 'transport': 2.0, 'wait': 0.5, 'prepare': 1.0, 'solve': 4.0}
     for name, each in parts.items():
         assert getattr(result, name) == pytest.approx([each] * 20)
     assert result.publish == pytest.approx([0.25, 0.0] * 10)
     assert sum(result[1:]) == pytest.approx(result.total)
-    stamp_ns, latency_s = tick_timing.command_latency(ring(20))
+    stamp_ns, latency_s = bag_summary.command_latency(ring(20))
     assert stamp_ns.tolist() == [S + k * TICK for k in range(21)]
     assert latency_s == pytest.approx([12e-3] * 21)
 
@@ -185,11 +185,11 @@ COUNTED = {
 
 @pytest.mark.parametrize(('bag', 'counts'), COUNTED.values(), ids=COUNTED)
 def test_a_tick_without_an_answer_or_with_a_late_one_is_missed(bag, counts):
-    result = tick_timing.count_ticks(bag)
+    result = bag_summary.count_ticks(bag)
     assert tuple(result.values()) == (*counts, counts[1] + counts[2])
     assert summarize_bag(bag)['ticks'] == result  # info counts the same
     simulated = bag._replace(recordings={**bag.recordings, '/clock': bag.recordings[STATE]})
-    assert tick_timing.count_ticks(simulated)['late'] == 0
+    assert bag_summary.count_ticks(simulated)['late'] == 0
 
 
 SPARSE = {
@@ -202,7 +202,7 @@ SPARSE = {
 
 @pytest.mark.parametrize('bag', SPARSE.values(), ids=SPARSE)
 def test_what_a_bag_does_not_tell_is_a_dash(bag, capsys):
-    timing.show(tick_timing.timing_report(bag), Console(width=120))
+    timing.show(bag_summary.timing_report(bag), Console(width=120))
     (line,) = (item for item in capsys.readouterr().out.splitlines() if 'transport' in item)
     assert set(line.split()[1:]) == {'-'}
 
@@ -224,4 +224,4 @@ def test_the_report_has_quantiles_intervals_and_the_lateness_of_the_plant(tmp_pa
         assert text in printed
     without = {k: v for k, v in bag.recordings.items() if k != STATE}
     with pytest.raises(BagError, match='no message of /vehicle/odometry'):
-        tick_timing.timing_report(bag._replace(recordings=without))
+        bag_summary.timing_report(bag._replace(recordings=without))

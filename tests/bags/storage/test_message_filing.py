@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
+from bags.recorder_node import RecordingHealth
 from bags.storage import message_filing
 from bags.storage.message_definitions import schema_text
 from bags.storage.message_filing import (
@@ -14,9 +15,10 @@ from bags.storage.message_filing import (
     LARGEST_WAIT,
     ClockError,
     Filing,
+    LossCounter,
+    Losses,
     SimulatedTime,
 )
-from bags.storage.message_loss import LossCounter, Losses, RecordingHealth
 from bags.storage.rosbag2_metadata import BagTopic
 from msgs_yaml import contract, encode, raw_scenario
 from msgs_yaml.types import Reference

@@ -9,7 +9,7 @@ import pytest
 import yaml
 from example_messages import encoded
 
-from bags.viewers import marker_scene
+from bags import markers_node
 from experiments import simulation
 from msgs_yaml import contract, flat_fields, share
 from msgs_yaml.types import Health
@@ -82,7 +82,7 @@ def test_foxglove_plots_what_a_drive_has(messages, path, label):
 def test_foxglove_shows_topics_of_the_contract_in_panels_that_exist():
     layout = json.loads(text(FOXGLOVE))
     shown = layout['configById']['3D!road']['topics']
-    assert {marker_scene.VEHICLE, marker_scene.SAFETY, marker_scene.PREDICTION} <= set(shown)
+    assert {markers_node.VEHICLE, markers_node.SAFETY, markers_node.PREDICTION} <= set(shown)
     topics = contract.load().topics
     assert set(shown) <= set(topics)
     for config in layout['configById'].values():
@@ -129,7 +129,7 @@ def test_rviz_shows_topics_of_the_contract_and_takes_what_is_offered():
     topics = contract.load().topics
     assert config['Global Options']['Fixed Frame'] == topics['/vehicle/odometry'].frame
     shown = [item for item in config['Displays'] if 'Topic' in item]
-    assert {marker_scene.VEHICLE, marker_scene.SAFETY, marker_scene.PREDICTION} <= {
+    assert {markers_node.VEHICLE, markers_node.SAFETY, markers_node.PREDICTION} <= {
         item['Topic']['Value'] for item in shown
     }
     for item in shown:

@@ -14,7 +14,7 @@ from wait_until import wait_until
 
 from bags.errors import BagError
 from bags.evaluation import metrics
-from bags.evaluation.flattening import flatten
+from bags.evaluation.metrics.registry import flatten
 from experiments import cli, code_version, drive_row, simulation
 from experiments.batch import run_batch
 from experiments.drive_records import DriveRecords

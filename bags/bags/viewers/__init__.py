@@ -1,4 +1,0 @@
-"""The car and its plan for RViz and Foxglove.
-
-marker_scene  car, safety areas and plan as shapes, which markers_node sends
-"""
