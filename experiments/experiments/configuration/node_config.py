@@ -126,15 +126,13 @@ def find_controller(name_or_path: str, programs: bool = False) -> Controller:
             raise BagError(
                 f'the controller {name_or_path!r} is a program: only `experiments run` drives it'
             )
-        return Controller(path.stem, known_controllers()['mpcc'].absolute(), program)
+        return Controller(path.stem, find_controller('mpcc').config, program)
     is_path = os.sep in name_or_path or path.suffix == PYTHON
     if path.suffix not in YAML_SUFFIXES and not is_path:
-        known = known_controllers()
-        if name_or_path not in known:
-            raise BagError(
-                f'no controller {name_or_path!r}{_describe_unknown(name_or_path, known)}'
-            )
-        path = known[name_or_path]
+        path = share.path('mpcc_controller', 'config') / f'{name_or_path}.yaml'
+        if not _is_controller(path):
+            unknown = _describe_unknown(name_or_path, known_controllers())
+            raise BagError(f'no controller {name_or_path!r}{unknown}')
     if not path.is_file():
         raise BagError(f'no controller {name_or_path!r}: {_missing_file(path)}')
     if path.suffix not in YAML_SUFFIXES:
@@ -233,7 +231,11 @@ def find_controllers(
 def known_controllers() -> dict[str, Path]:
     """Return the controller files in config/ by name; a file without a car is no controller."""
     files = sorted(share.path('mpcc_controller', 'config').glob('*.yaml'))
-    return {file.stem: file for file in files if 'car_file' in parameters.read_file(file).values}
+    return {file.stem: file for file in files if _is_controller(file)}
+
+
+def _is_controller(file):
+    return file.is_file() and 'car_file' in parameters.read_file(file).values
 
 
 def build_nodes(
