@@ -120,9 +120,9 @@ def _new_bag(out, scn, controller):
 
 def _overrides(given):
     """Return the parameters of `params_file` and `set` by role, and their sources."""
-    files = ros_parameter_file.read_files(shlex.split(given['params_file']), given['namespace'])
+    paths = shlex.split(given['params_file'])
+    values, sources = ros_parameter_file.read_files(paths, given['namespace'])
     settings = set_option.parse_overrides(shlex.split(given['set']), 'set:=')
-    values, sources = files.values, files.sources
     for role, own in settings.items():
         values[role] = values.get(role, {}) | own
         sources[role] = sources.get(role, {}) | {name: f'set:={role}.{name}' for name in own}
