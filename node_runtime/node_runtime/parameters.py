@@ -171,9 +171,9 @@ def read_file(path: Path, config: Path | None = None) -> ParameterFile:
 
 def _read_chain(path, config, derived):
     """Return a file and its bases; `derived` are the files that lead to it, the first one first."""
-    values, sources, comments, base = _own_parameters(read(path))
-    found = _find_base(base, path, config) if base and parse_value(str, base) else None
-    own = ParameterFile({**values}, {**sources}, {**comments}, found)
+    *mappings, base = _own_parameters(read(path))
+    based_on = _find_base(base, path, config) if base and parse_value(str, base) else None
+    own = ParameterFile(*map(dict, mappings), based_on)
     if own.base is None:
         return own
     chain = (*derived, path)
@@ -192,22 +192,16 @@ def _read_chain(path, config, derived):
 
 @lru_cache(maxsize=64)
 def _own_parameters(root):
-    """Return values, sources and comments of a file by key, and the item of its base, or None.
-
-    Kept for the root of a text that has not changed: every row of a batch reads the same few files.
-    """
+    """Return values, sources, comments, the item of the base; the same as long as the text is."""
     node = next(iter(root.items())) if len(root.items()) == 1 else ''
     name = node if node.startswith('/') else '/**'
     parameters = root.members((name,))[name].members(('ros__parameters',))['ros__parameters']
-    items = _leaf_items(parameters, '')
-    lines = root.path.read_text().splitlines()
+    items, lines = _leaf_items(parameters, ''), root.path.read_text().splitlines()
     base = items.pop(BASE, None)
-    return (
-        {key: item.value_or_empty() for key, item in items.items()},
-        {key: f'{root.path}:{item.line}' for key, item in items.items()},
-        {key: lines[item.line - 1].partition('#')[2].strip() for key, item in items.items()},
-        base,
-    )
+    values = {key: item.value_or_empty() for key, item in items.items()}
+    sources = {key: f'{root.path}:{item.line}' for key, item in items.items()}
+    comments = {key: lines[item.line - 1].partition('#')[2].strip() for key, item in items.items()}
+    return values, sources, comments, base
 
 
 def _find_base(item: Item, path, config):
