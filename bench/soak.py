@@ -34,7 +34,7 @@ import numpy as np
 import psutil
 import realtime
 
-from experiments.configuration import inputs, node_config
+from experiments.configuration import inputs
 from experiments.run import domain, processes
 
 LONGEST_DRIVE_MIN = 10.0
@@ -108,11 +108,10 @@ def most_mb(node: str, minutes: float) -> float:
 
 def soak(mode: str, minutes: float, folder: Path, domain_id: int) -> list[Growth]:
     """Drive for so many minutes of simulated time; raises when a node ends early or none does."""
-    facts = inputs.load_facts(str(ROAD))
     # other programs may not stop the car: what is asked is what ten minutes leave behind
     wanted = realtime.FIFO if mode == 'realtime' else {}
     given = {role: {'realtime.priority': priority} for role, priority in wanted.items()}
-    nodes = {node.role: node for node in node_config.build_mpcc_nodes(facts, mode, folder, given)}
+    nodes = {n.role: n for n in inputs.build_mpcc_nodes(str(ROAD), mode, folder, given)}
     environment = processes.node_environment(domain_id, folder)
     drives = math.ceil(minutes / LONGEST_DRIVE_MIN)
     drive_s = 60.0 * minutes / drives

@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, lru_cache
 from pathlib import Path
-from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple, get_args
 
 import numpy as np
@@ -34,14 +33,11 @@ from vehicle_plant import initial_state
 
 SCENARIO_SPEED = 'scenario.speed_mps'  # replaces the desired speed by a constant
 SCENARIO_FRICTION = 'scenario.friction'  # of the road; the controller assumes it, too
+# after the dot, arguments of inputs.load_scenario
 SCENARIO_SETTINGS = {
     SCENARIO_SPEED: Annotated[float, SPEED],
     SCENARIO_FRICTION: schema.Friction,
 }
-# arguments of inputs.load_scenario
-CHANGES: Mapping[str, str] = MappingProxyType(
-    {SCENARIO_SPEED: 'speed_mps', SCENARIO_FRICTION: 'friction'}
-)
 ROLES = ('controller', 'plant')
 ANY_ROAD = 'straight'  # where only parameters matter
 CHANGED = 'changed since the command began; repeat it'
@@ -141,7 +137,7 @@ def as_pairs(settings: Sequence[str]) -> Pairs:
     for role, values in set_option.parse_overrides(settings).items():
         for name, value in values.items():
             full = f'{role}.{name}'
-            if full in CHANGES:
+            if full in SCENARIO_SETTINGS:
                 check_scenario_setting(full, value, f'--set {full}')
             pairs.append((full, tuple(value) if isinstance(value, list) else value))
     split_settings(dict(pairs), '--set')
@@ -167,13 +163,13 @@ def split_settings(
     by_role: dict[str, dict[str, Any]] = {}
     for name, value in settings.items():
         role, _, parameter = name.partition('.')
-        if name in CHANGES:
-            changes[CHANGES[name]] = float(value)
+        if name in SCENARIO_SETTINGS:
+            changes[parameter] = float(value)
         elif role in ROLES and parameter:
             by_role.setdefault(role, {})[parameter] = value
         else:
-            allowed = ', '.join((*(f'{role}.*' for role in ROLES), *CHANGES))
-            hint = closest(name, CHANGES)
+            allowed = ', '.join((*(f'{role}.*' for role in ROLES), *SCENARIO_SETTINGS))
+            hint = closest(name, SCENARIO_SETTINGS)
             hint = hint or ('' if role in node_config.ROLES else set_option.closest_setting(name))
             raise BagError(f'{source}: unknown name {name!r}{hint}; allowed {allowed}')
     return changes, by_role

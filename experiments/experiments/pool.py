@@ -1,9 +1,8 @@
 """A pool of processes that do tasks: of this machine, or of a dask.distributed cluster.
 
-Dask hands out the tasks. Each thread of a dask worker does its tasks in a process of its own, one
-after the other: a task that ends its process, or takes longer than allowed, fails alone. On this
-machine the dask worker is a part of the program, with a thread per process. The tasks of a dask
-worker of a cluster that ends are done again by others.
+Threads of this program, or of dask workers, hand out the tasks. Each has them done in a process of
+its own, one after the other: a task that ends its process, or takes longer than allowed, fails
+alone. The tasks of a dask worker that ends are done again by others.
 """
 
 import contextlib
@@ -21,7 +20,9 @@ import traceback
 import uuid
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent import futures
 from multiprocessing import connection
+from multiprocessing.pool import RemoteTraceback
 from typing import Any, NamedTuple
 
 from bags.errors import BagError
@@ -31,8 +32,6 @@ CONNECT_S = 10.0
 WORKERS_S = 60.0  # without any worker
 POLL_S = 1.0  # between two looks whether scheduler and workers are there
 PER_THREAD = 2  # tasks that have been sent: the next one is there when one ends
-NO_LIBRARY = 'several processes need dask.distributed: pip install distributed'
-LOGGERS = ('', '.client', '.core', '.batched', '.comm', '.worker', '.scheduler')
 
 Describe = Callable[[], Mapping[str, str]]
 
@@ -62,67 +61,62 @@ class Pool:
     describe  called here and in every process of a cluster: {name: version} of what decides
               results; a process in which it differs is refused
 
-    Entering it raises BagError without dask.distributed, or without a scheduler.
+    Entering it raises BagError for a scheduler without dask.distributed, or that does not answer.
     """
 
     def __init__(self, jobs: int, address: str = '', describe: Describe = dict):
-        self.jobs, self.address = jobs, address
+        self._threads, self._address = jobs, address
         self._command = uuid.uuid4().hex
         # without a scheduler the processes are of this program
         wanted = (describe, dict(describe())) if address else (dict, {})
         self._check = pickle.dumps((refuse_others, wanted))
-        self._stack = contextlib.ExitStack()
-        self._threads = 0
-        self._seen_s = time.monotonic()  # when a worker was there
 
     def __enter__(self):
-        try:
-            from distributed import Client, LocalCluster
-        except ModuleNotFoundError:
-            raise BagError(NO_LIBRARY) from None
         with contextlib.ExitStack() as stack:
-            stack.enter_context(_quiet())  # errors are one line each, those raised here
-            if self.address:
-                scheduler = self.address
+            if self._address:
+                self._executor = self._connect(stack)
             else:
-                scheduler = stack.enter_context(
-                    LocalCluster(
-                        n_workers=1,
-                        threads_per_worker=self.jobs,
-                        processes=False,
-                        memory_limit=0,
-                        dashboard_address=None,
-                        scheduler_kwargs={'dashboard_address': '127.0.0.1:0'},
-                    )
-                )
-                for server in (scheduler.scheduler, *scheduler.workers.values()):
-                    # nobody looks at their pages
-                    scheduler.loop.add_callback(server.http_server.stop)
-            try:
-                self._client = Client(scheduler, timeout=CONNECT_S, set_as_default=False)
-            except (OSError, ValueError) as error:
-                reason = ' '.join(str(error).split())
-                raise BagError(f'--dask {self.address}: no scheduler answers: {reason}') from None
-            stack.callback(self._leave)
+                self._executor = futures.ThreadPoolExecutor(self._threads)
+                stack.callback(_end_processes, self._command)
+                stack.callback(self._executor.shutdown, wait=False, cancel_futures=True)
             self._stack = stack.pop_all()
-        self._seen_s = time.monotonic()
         return self
 
     def __exit__(self, *error):
         self._stack.close()
 
-    def _leave(self):
-        if self.address:  # in a thread: one that does not answer must not hold up Ctrl-C
-            telling = threading.Thread(target=self._end_far_processes, daemon=True)
-            telling.start()
-            telling.join(LEAVE_S + POLL_S)
-        _end_processes(self._command)
+    def _connect(self, stack):
+        try:
+            from distributed import Client
+        except ModuleNotFoundError:
+            raise BagError(
+                f'--dask {self._address}: needs dask.distributed: pip install distributed'
+            ) from None
+        for name in ('distributed', 'distributed.client'):
+            # errors are one line each, those raised here
+            logger = logging.getLogger(name)
+            stack.callback(logger.setLevel, logger.level)
+            logger.setLevel(logging.CRITICAL)
+        try:
+            self._client = Client(self._address, timeout=CONNECT_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            reason = ' '.join(str(error).split())
+            raise BagError(f'--dask {self._address}: no scheduler answers: {reason}') from None
+        self._seen_s = time.monotonic()  # when a worker was there
+        stack.callback(self._disconnect)
+        return self._client.get_executor(pure=False)
+
+    def _disconnect(self):
+        def leave():
+            with contextlib.suppress(Exception):  # scheduler or workers may be gone
+                self._client.run(_end_processes, self._command, on_error='ignore')
+
+        # in a thread: one that does not answer must not hold up Ctrl-C
+        leaving = threading.Thread(target=leave, daemon=True)
+        leaving.start()
+        leaving.join(LEAVE_S + POLL_S)
         with contextlib.suppress(Exception):  # the scheduler may be gone
             self._client.close(timeout=POLL_S)
-
-    def _end_far_processes(self):
-        with contextlib.suppress(Exception):  # scheduler or workers may be gone
-            self._client.run(_end_processes, self._command, on_error='ignore')
 
     def finish_each(
         self, function: Callable, tasks: Sequence[tuple], limit_s: float = math.inf
@@ -132,37 +126,22 @@ class Pool:
         `limit_s` is the wall time after which a task fails. Raises BagError when the scheduler is
         gone, when no worker is there for WORKERS_S, and for a process that is refused.
         """
-        self._look()
         waiting = deque(enumerate(tasks))
-        sent: dict[int, Any] = {}  # futures of the answers
-        ended: queue.SimpleQueue[int] = queue.SimpleQueue()
-        looked_s = time.monotonic()
-
-        def notify(number):
-            sent[number].add_done_callback(lambda _: ended.put(number))
-
+        sent: dict[futures.Future, int] = {}  # numbers of the tasks
+        looked_s = -math.inf
         try:
             while waiting or sent:
-                while waiting and len(sent) < max(1, PER_THREAD * self._threads):
-                    number, task = waiting.popleft()
-                    sent[number] = self._submit(pickle.dumps((function, task)), limit_s)
-                    notify(number)
-                with contextlib.suppress(queue.Empty):
-                    number = ended.get(timeout=POLL_S)
-                    try:
-                        pair = self._answer(sent[number])
-                    except TimeoutError:  # its worker ended before it answered
-                        notify(number)
-                    else:
-                        del sent[number]
-                        yield Finished(number, *pair)
-                if time.monotonic() - looked_s > POLL_S:
+                if self._address and time.monotonic() - looked_s > POLL_S:
                     self._look()
                     looked_s = time.monotonic()
+                while waiting and len(sent) < max(1, PER_THREAD * self._threads):
+                    number, task = waiting.popleft()
+                    sent[self._submit(pickle.dumps((function, task)), limit_s)] = number
+                for future in futures.wait(sent, POLL_S, futures.FIRST_COMPLETED).done:
+                    yield Finished(sent.pop(future), *self._answer(future))
         finally:
-            if sent and self._client.status == 'running':
-                with contextlib.suppress(Exception):
-                    self._client.cancel(list(sent.values()))
+            for future in sent:
+                future.cancel()
 
     def run(
         self,
@@ -174,45 +153,35 @@ class Pool:
 
         Raises the exception of the first task that fails.
         """
-        tasks = list(tasks)
-        values: list[Any] = [None] * len(tasks)
-        for finished in self.finish_each(function, tasks):
+        values = {}
+        for finished in self.finish_each(function, list(tasks)):
             if finished.error:
                 raise finished.error
             values[finished.number] = finished.value
             on_done()
-        return values
+        return [values[number] for number in sorted(values)]
 
     def _submit(self, task, limit_s):
         try:
-            return self._client.submit(_do, self._command, self._check, task, limit_s, pure=False)
+            return self._executor.submit(_do, self._command, self._check, task, limit_s)
         except (OSError, RuntimeError, ValueError):
-            if self._client.status == 'running':
+            if not self._address or self._client.status == 'running':
                 raise
             raise self._gone() from None
 
     def _answer(self, future):
-        """Return value and error of a task. Raises TimeoutError where its answer was lost."""
-        from distributed import CancelledError
-        from distributed.scheduler import KilledWorker
-
-        if future.status == 'cancelled':
-            raise self._gone()
+        """Return value and error of a task."""
         try:
-            value, error, trace = pickle.loads(future.result(timeout=CONNECT_S))
-        except KilledWorker:
-            return None, WorkerError('every dask worker that did it ended')
-        except CancelledError:
+            value, error, trace = pickle.loads(future.result())
+        except futures.CancelledError:
             raise self._gone() from None
-        except TimeoutError:
-            self._look()
-            raise
-        except Exception as failed:  # of reading the task or its answer
-            return None, failed
+        except Exception as failed:  # of reading the task, or of dask, which may not be installed
+            is_killed = type(failed).__name__ == 'KilledWorker'
+            return None, WorkerError('every dask worker that did it ended') if is_killed else failed
         if isinstance(error, RefusedError):
-            raise BagError(f'--dask {self.address}: a worker: {error}' if self.address else error)
+            raise BagError(f'--dask {self._address}: a worker: {error}' if self._address else error)
         if trace:
-            error.__cause__ = _RemoteError(trace)
+            error.__cause__ = RemoteTraceback(f'\n{trace}')
         return value, error
 
     def _look(self):
@@ -223,49 +192,25 @@ class Pool:
             raise self._gone() from None
         if self._client.status != 'running':
             raise self._gone()
-        now = time.monotonic()
-        self._seen_s = now if self._threads else self._seen_s
-        if now - self._seen_s > WORKERS_S:
+        if self._threads:
+            self._seen_s = time.monotonic()
+        elif time.monotonic() - self._seen_s > WORKERS_S:
             raise BagError(
-                f'--dask {self.address}: no worker in {WORKERS_S:g} s; start some: '
-                f'dask worker {self.address} --nthreads CORES'
+                f'--dask {self._address}: no worker in {WORKERS_S:g} s; start some: '
+                f'dask worker {self._address} --nthreads CORES'
             )
 
     def _gone(self):
         return BagError(
-            f'--dask {self.address}: the scheduler is gone; what has ended is kept, the same '
+            f'--dask {self._address}: the scheduler is gone; what has ended is kept, the same '
             'command goes on with another one'
         )
-
-
-class _RemoteError(Exception):
-    """The traceback of an error in another process, shown as its cause."""
-
-    def __str__(self):
-        return f'\n{self.args[0]}'
-
-
-@contextlib.contextmanager
-def _quiet():
-    loggers = [logging.getLogger(f'distributed{name}') for name in LOGGERS]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        for logger, level in zip(loggers, levels):
-            logger.setLevel(level)
 
 
 class TaskProcess:
     """A process that does one task after the other, and ends with the one that started it."""
 
-    def __init__(self, check: bytes = b''):
-        """Start it, and do a first task, whose error is that of the process.
-
-        Raises RefusedError when it cannot start, or must not do tasks of this program.
-        """
+    def __init__(self):
         # not that of the caller: a script that drives needs no `if __name__ == '__main__'`
         code = f'import sys; sys.path[:] = {sys.path!r}; from experiments import pool; pool.work()'
         self._popen = subprocess.Popen(
@@ -276,20 +221,11 @@ class TaskProcess:
             env={**os.environ, 'OPENBLAS_NUM_THREADS': '1'},
             start_new_session=True,  # Ctrl-C is for the program, which then ends its processes
         )
-        _, error, _ = pickle.loads(self.do(check)) if check else (None, None, '')
-        if error:
-            self.end(0.0)
-            hint = '; is this project installed?' if isinstance(error, ImportError) else ''
-            known = isinstance(error, RefusedError)
-            raise error if known else RefusedError(f'cannot start a process: {error}{hint}')
 
     @property
-    def is_alive(self) -> bool:
-        """Whether it has not ended."""
-        how = os.WEXITED | os.WNOHANG | os.WNOWAIT  # its number stays its own until `end`
-        with contextlib.suppress(ChildProcessError):  # another thread ends it
-            return self._popen.returncode is None and not os.waitid(os.P_PID, self._popen.pid, how)
-        return False
+    def is_idle(self) -> bool:
+        """Whether it waits for a task. One that has ended does not, nor one with an answer."""
+        return self._popen.returncode is None and not connection.wait([self._popen.stdout], 0.0)
 
     def begin(self, task: bytes) -> None:
         """Begin a task, a pickled function with its arguments. Raises OSError when it has ended."""
@@ -302,7 +238,7 @@ class TaskProcess:
             self.begin(task)
             if connection.wait([self._popen.stdout], None if math.isinf(limit_s) else limit_s):
                 return pickle.load(self._popen.stdout)
-            self.end(0.0)
+            self.end()
             error = f'its process was ended after {limit_s:g} s'
         except (EOFError, OSError, ValueError, pickle.UnpicklingError):
             error = self.end(LEAVE_S)
@@ -319,7 +255,7 @@ class TaskProcess:
         with contextlib.suppress(OSError, ValueError):
             self._popen.stdin.close()
 
-    def end(self, wait_s: float) -> str:
+    def end(self, wait_s: float = 0.0) -> str:
         """Let the process end within `wait_s`, or end it; return how it ended, for a person."""
         self.leave()
         if self._popen.returncode is None:
@@ -339,40 +275,58 @@ class TaskProcess:
         return f'its process was ended by {signal.Signals(-code).name}{hint}'
 
 
-_own = threading.local()  # command and process of a thread of a dask worker
-_processes: dict[str, list[TaskProcess]] = {}  # by command, those of this program
-_left: set[str] = set()  # commands
+class _Processes:
+    """Those that this program has started for one command."""
+
+    def __init__(self):
+        self.started: list[TaskProcess] = []
+        self.idle: list[TaskProcess] = []
+        self.has_left = False  # whether the command has
+
+
+# by command. A new command has new ones: others remember files as they were for the last one
+_processes: dict[str, _Processes] = {}
 
 
 def _do(command, check, task, limit_s):
-    """Do a task in the process of this thread of a dask worker; return the answer, pickled."""
-    if command in _left:
+    """Do a task in a process of a command; return the answer, pickled."""
+    own = _processes.setdefault(command, _Processes())
+    try:
+        process = own.idle.pop() if own.idle and not own.has_left else None
+        if process is None or not process.is_idle:
+            process = None if own.has_left else _start(own, check)
+    except (OSError, RefusedError) as error:
+        return pickle.dumps((None, RefusedError(str(error)), ''))
+    if own.has_left:
+        if process:
+            process.end()
         return pickle.dumps((None, WorkerError('the pool was left'), ''))
-    if getattr(_own, 'command', None) != command or not _own.process.is_alive:
-        # a new one for each command: another remembers files as they were for the last command
-        if hasattr(_own, 'process'):
-            _own.process.end(LEAVE_S)
-            _processes.get(_own.command, [_own.process]).remove(_own.process)
-            del _own.process, _own.command
-        try:
-            _own.process, _own.command = TaskProcess(check), command
-        except (OSError, RefusedError) as error:
-            return pickle.dumps((None, RefusedError(str(error)), ''))
-        _processes.setdefault(command, []).append(_own.process)
-        if command in _left:  # meanwhile
-            _end_processes(command)
-            return pickle.dumps((None, WorkerError('the pool was left'), ''))
-    return _own.process.do(task, limit_s)
+    answer = process.do(task, limit_s)
+    own.idle.append(process)
+    return answer
+
+
+def _start(own, check):
+    """Return a process that may do the tasks of a command. Raises OSError and RefusedError."""
+    process = TaskProcess()
+    own.started.append(process)
+    _, error, _ = pickle.loads(process.do(check))
+    if error:
+        process.end()
+        hint = '; is this project installed?' if isinstance(error, ImportError) else ''
+        known = isinstance(error, RefusedError)
+        raise error if known else RefusedError(f'cannot start a process: {error}{hint}')
+    return process
 
 
 def _end_processes(command):
     """End those that this program has started for a command."""
-    _left.add(command)
-    leaving = _processes.pop(command, [])
-    for process in leaving:
+    own = _processes.setdefault(command, _Processes())
+    own.has_left = True
+    for process in own.started:
         process.leave()
     end = time.monotonic() + LEAVE_S
-    for process in leaving:
+    for process in own.started:
         process.end(max(0.0, end - time.monotonic()))
 
 

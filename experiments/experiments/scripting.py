@@ -121,7 +121,7 @@ class _Task:
 
     def __init__(self, scenario, controller, settings, any_car):
         self.settings = {name: _plain(value) for name, value in settings.items()}
-        for name in drive_row.CHANGES.keys() & self.settings.keys():
+        for name in drive_row.SCENARIO_SETTINGS.keys() & self.settings.keys():
             drive_row.check_scenario_setting(name, self.settings[name], _written(name))
         changes, by_role = drive_row.split_settings(self.settings)
         scn, source = _load(scenario, changes)

@@ -95,12 +95,14 @@ def prepare_scenario(
             allowed = f'{", ".join(PLANT_SETTINGS)} and {inputs.PLANT_CAR}*'
             raise BagError(f'plant.{name} has no effect in process; allowed are {allowed}')
     chosen = node_config.find_controller(controller)
-    facts, unused = inputs.scenario_facts(scn, source or scn.name), Path()
+    unused = Path()
     origins = {
         role: {name: written(f'{role}.{name}') for name in values}
         for role, values in settings.items()
     }
-    nodes = node_config.build_nodes(facts, chosen, 'lockstep', unused, unused, settings, origins)
+    nodes = node_config.build_nodes(
+        scn, source or scn.name, chosen, 'lockstep', unused, unused, settings, origins
+    )
     checked = inputs.check_parameters(nodes)
     if not any_car:
         inputs.check_car_fits(nodes, checked, *IN_PYTHON)

@@ -78,17 +78,16 @@ def start_nodes(context):
         argument.name: LaunchConfiguration(argument.name).perform(context) for argument in ARGUMENTS
     }
     scn = inputs.load_scenario(given['scenario'])
-    facts = inputs.scenario_facts(scn, given['scenario'])
     controller = node_config.find_controller(given['controller'])
     record, mode = given['record'] == 'true', given['mode']
     if mode == 'realtime' and given['use_sim_time'] == 'true':
         raise BagError('use_sim_time:=true: nobody publishes /clock with mode:=realtime; leave it')
     folder = Path(launch_config.log_dir)
-    bag = _new_bag(given['out'], facts, controller) if record else folder / node_config.BAG_FOLDER
+    bag = _new_bag(given['out'], scn, controller) if record else folder / node_config.BAG_FOLDER
     run_info = folder / node_config.RUN_INFO_FILE
     overrides, origins = _overrides(given)
     nodes = node_config.build_nodes(
-        facts, controller, mode, bag, run_info, overrides, origins, record
+        scn, given['scenario'], controller, mode, bag, run_info, overrides, origins, record
     )
     checked = inputs.check_parameters(nodes)
     if given['any_car'] == 'false':
@@ -97,10 +96,10 @@ def start_nodes(context):
         )
     inputs.check_problem(checked, controller.name)
     loaded = inputs.loaded_facts(checked)
-    node_config.write_run_info(facts, controller, mode, nodes, run_info, loaded)
+    node_config.write_run_info(scn, controller, mode, nodes, run_info, loaded)
     if given['markers'] == 'true':
         nodes = [node_config.build_markers_node(nodes), *nodes]
-    monitor, warnings = RunMonitor(), run_advice.find_warnings(scn, facts, checked)
+    monitor, warnings = RunMonitor(), run_advice.find_warnings(scn, given['scenario'], checked)
     others = domain.describe_others({'ROS_DOMAIN_ID': '0', **os.environ})
     return [
         *([actions.LogInfo(msg=f'warning: {others}')] if others else ()),
@@ -109,9 +108,9 @@ def start_nodes(context):
     ]
 
 
-def _new_bag(out, facts, controller):
+def _new_bag(out, scn, controller):
     """Return the folder for the bag, absolute; raise BagError where it cannot be created."""
-    bag = Path(out, facts.name, controller.name).absolute()
+    bag = Path(out, scn.name, controller.name).absolute()
     if os.path.exists(bag):  # Path.exists raises below a folder without permission to enter
         raise BagError(f'out: {bag} exists already; move it, or name another folder')
     with staging.created_folder(bag.parent, f'out:={out}'):
@@ -121,9 +120,9 @@ def _new_bag(out, facts, controller):
 
 def _overrides(given):
     """Return the parameters of `params_file` and `set` by role, and their sources."""
-    files = ros_parameter_file.read_files(shlex.split(given['params_file']), given['namespace'])
+    paths = shlex.split(given['params_file'])
+    values, sources = ros_parameter_file.read_files(paths, given['namespace'])
     settings = set_option.parse_overrides(shlex.split(given['set']), 'set:=')
-    values, sources = files.values, files.sources
     for role, own in settings.items():
         values[role] = values.get(role, {}) | own
         sources[role] = sources.get(role, {}) | {name: f'set:={role}.{name}' for name in own}

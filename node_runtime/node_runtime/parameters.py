@@ -22,6 +22,7 @@ A parameter file may name another file as its `base` and then holds only what di
 import dataclasses
 import os
 from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -170,19 +171,9 @@ def read_file(path: Path, config: Path | None = None) -> ParameterFile:
 
 def _read_chain(path, config, derived):
     """Return a file and its bases; `derived` are the files that lead to it, the first one first."""
-    root = read(path)
-    node = next(iter(root.items())) if len(root.items()) == 1 else ''
-    name = node if node.startswith('/') else '/**'
-    parameters = root.members((name,))[name].members(('ros__parameters',))['ros__parameters']
-    items = _leaf_items(parameters, '')
-    lines = path.read_text().splitlines()
-    base = items.pop(BASE, None)
-    own = ParameterFile(
-        {key: item.value_or_empty() for key, item in items.items()},
-        {key: f'{path}:{item.line}' for key, item in items.items()},
-        {key: lines[item.line - 1].partition('#')[2].strip() for key, item in items.items()},
-        _find_base(base, path, config) if base and parse_value(str, base) else None,
-    )
+    *mappings, base = _own_parameters(read(path))
+    based_on = _find_base(base, path, config) if base and parse_value(str, base) else None
+    own = ParameterFile(*map(dict, mappings), based_on)
     if own.base is None:
         return own
     chain = (*derived, path)
@@ -197,6 +188,20 @@ def _read_chain(path, config, derived):
         inherited.comments | comments,
         own.base,
     )
+
+
+@lru_cache(maxsize=64)
+def _own_parameters(root):
+    """Return values, sources, comments, the item of the base; the same as long as the text is."""
+    node = next(iter(root.items())) if len(root.items()) == 1 else ''
+    name = node if node.startswith('/') else '/**'
+    parameters = root.members((name,))[name].members(('ros__parameters',))['ros__parameters']
+    items, lines = _leaf_items(parameters, ''), root.path.read_text().splitlines()
+    base = items.pop(BASE, None)
+    values = {key: item.value_or_empty() for key, item in items.items()}
+    sources = {key: f'{root.path}:{item.line}' for key, item in items.items()}
+    comments = {key: lines[item.line - 1].partition('#')[2].strip() for key, item in items.items()}
+    return values, sources, comments, base
 
 
 def _find_base(item: Item, path, config):

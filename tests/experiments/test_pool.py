@@ -124,7 +124,7 @@ def test_a_pool_that_cannot_begin_says_why(monkeypatch):
         Pool(1, 'tcp://127.0.0.1:9', same).__enter__()
     monkeypatch.setitem(sys.modules, 'distributed', None)
     with pytest.raises(BagError, match='pip install distributed'):
-        Pool(1).__enter__()
+        Pool(1, 'tcp://127.0.0.1:9', same).__enter__()
 
 
 @pytest.mark.slow

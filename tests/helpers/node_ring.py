@@ -287,8 +287,7 @@ class NodeRing:
         self.mode, self.folder, self.nodes = mode, folder, {}
         self.bus = Bus(DELIVERY_NS if mode == 'lockstep' else 0)
         settings['controller'] = PATIENT | settings.get('controller', {})
-        facts = inputs.load_facts(road)
-        self.configured = node_config.build_mpcc_nodes(facts, mode, folder, settings)
+        self.configured = inputs.build_mpcc_nodes(road, mode, folder, settings)
         self.bag = folder / node_config.BAG_FOLDER
         self.late: Collection[str] = ()  # roles that a test starts
         self.speeds: list[tuple[int, float]] = []  # (stamp, m/s) of the car, every 50 ms

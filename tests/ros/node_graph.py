@@ -42,8 +42,7 @@ class NodeGraph:
         """`road` is a scenario, `settings` are {dotted name: value} of parameters, by role."""
         self.folder, self.running, self.mode = folder, {}, mode
         self.bag = folder / node_config.BAG_FOLDER
-        facts = inputs.load_facts(road)
-        nodes = node_config.build_mpcc_nodes(facts, mode, folder, settings)
+        nodes = inputs.build_mpcc_nodes(road, mode, folder, settings)
         self.nodes = {node.role: node for node in nodes}
         self.prefix: dict[str, list[str]] = {}  # put before the command of a role
         self.remaps: dict[str, list[str]] = {}  # FROM:=TO, by role
@@ -182,11 +181,11 @@ def note_run(
     nodes: Sequence[node_config.Node], folder: Path, scenario: str, label: str = 'mpcc'
 ) -> dict:
     """Write and return the run information of nodes in lockstep, that a replay needs."""
-    facts = inputs.load_facts(scenario)
+    scn = inputs.load_scenario(scenario)
     values = node_config.collect_parameters(
         nodes, inputs.file_values(inputs.check_parameters(nodes))
     )
-    noted = provenance.describe_run(facts.name, facts.text, label, 'lockstep', values)
+    noted = provenance.describe_run(scn.name, scn.text, label, 'lockstep', values)
     (folder / node_config.RUN_INFO_FILE).write_text(json.dumps(noted))
     return noted
 

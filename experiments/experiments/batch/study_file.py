@@ -85,9 +85,6 @@ class StudyFile(NamedTuple):
     runs: int  # of every combination
     seed: int  # of draws, families and perturbations
 
-    def __repr__(self) -> str:
-        return f'StudyFile({str(self.path)!r}, {self.drives} drives)'
-
     @property
     def drives(self) -> int:
         """The number of drives."""

@@ -34,13 +34,13 @@ def run(options: argparse.Namespace) -> int:
         if error.check:
             scenario_checks.show_refusals(error.check, console)
         raise BagError(str(error)) from None
-    facts, here = inputs.scenario_facts(scn, options.scenario), Path()
-    nodes = node_config.build_nodes(facts, controller, 'lockstep', here, here, {})
+    here = Path()
+    nodes = node_config.build_nodes(scn, options.scenario, controller, 'lockstep', here, here, {})
     checked = inputs.check_parameters(nodes)
     circles = scenario_checks.circles_of(checked[inputs.CONTROLLER][0])
     scenario_checks.show(scn, circles, console)
     scenario_checks.show_refusals('', console)
-    scenario_checks.show_advice(run_advice.judge(scn, facts, checked), console)
+    scenario_checks.show_advice(run_advice.judge(scn, options.scenario, checked), console)
     if options.plot:
         print_paths(console, {'\npicture': preview_figure.draw(scn, circles, options.plot)})
     return 0

@@ -6,16 +6,15 @@ reported at once.
 
 import traceback
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
 
 from bags.errors import BagError
-from bags.evaluation.metrics import outcome
 from bags.storage.message_filing import RecorderParams
 from experiments.configuration import node_config
-from experiments.configuration.node_config import LoadedFacts, Node, ScenarioFacts
+from experiments.configuration.node_config import LoadedFacts, Node
 from mpcc_controller import car_file
 from mpcc_controller.parameters import CarParams, ControllerParams
 from node_runtime import node_parameters, parameters
@@ -86,30 +85,17 @@ def change_scenario(
     return scenario.parse(yaml.safe_dump(document), source)
 
 
-def load_facts(name_or_path: str) -> ScenarioFacts:
-    """Return the ScenarioFacts of a name or file. Raises BagError."""
-    return scenario_facts(load_scenario(name_or_path), name_or_path)
+def build_mpcc_nodes(
+    road: str, mode: str, folder: Path, overrides: Mapping[str, Mapping[str, Any]]
+) -> list[Node]:
+    """Return the nodes of a run of `mpcc`, recorded to `folder`/bag without run information.
 
-
-def scenario_facts(scn: Scenario, source: str) -> ScenarioFacts:
-    """Return the ScenarioFacts of a loaded scenario; `source` is what scenario_node is given."""
-    x, y, yaw, speed, *sliding = scn.start
-    start = {'x_m': x, 'y_m': y, 'yaw_rad': yaw, 'speed_mps': speed}
-    if any(sliding):
-        start |= zip(('lateral_mps', 'yaw_rate_radps'), sliding)
-    path = np.column_stack([scn.reference.X, scn.reference.Y])
-    return ScenarioFacts(
-        name=scn.name,
-        text=scn.text,
-        source=source,
-        friction=scn.friction,
-        start=start,
-        stop={name: v for name, v in parameters.flatten(stop_params(scn)).items() if v is not None},
-        patches=scn.patches._asdict(),
-        path=path,
-        length_m=outcome.stop_station(path, (scn.stop.X, scn.stop.Y), scn.stop.armed_after),
-        speeds=scn.speeds,
-    )
+    `road` is the name or file of a scenario. Raises BagError.
+    """
+    run_info = folder / node_config.RUN_INFO_FILE
+    run_info.write_text('{}')
+    mpcc, bag = node_config.find_controller('mpcc'), folder / node_config.BAG_FOLDER
+    return node_config.build_nodes(load_scenario(road), road, mpcc, mode, bag, run_info, overrides)
 
 
 def controller_params(name_or_path: str) -> ControllerParams:

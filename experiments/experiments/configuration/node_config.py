@@ -12,7 +12,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-import numpy as np
 import yaml
 
 from bags.errors import BagError
@@ -23,6 +22,8 @@ from msgs_yaml.missing_file import YAML_SUFFIXES
 from node_runtime import node_parameters, parameters, provenance
 from node_runtime.node_parameters import NO_SOURCES
 from node_runtime.provenance import LABEL_SIGN
+from scenario_publisher.scenario import Scenario
+from vehicle_plant.parameters import StopParams
 
 PYTHON = '.py'  # suffix of a program
 NO_OVERRIDES: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
@@ -34,6 +35,8 @@ DEFAULTS = {
     'plant': ('vehicle_plant', 'bmw_545i.yaml'),
     'scenario': ('scenario_publisher', 'scenario_node.yaml'),
 }
+# of the plant, those of a start in a scenario, in their order
+START = ('x_m', 'y_m', 'yaw_rad', 'speed_mps', 'lateral_mps', 'yaw_rate_radps')
 PLANT_DEFAULTS = 'plant_params'  # the parameter of the plant that names another file of defaults
 # a number is what an older run gets that makes way for a new one
 LABEL_FORM = re.compile(r'(?!\d+$)[A-Za-z0-9][A-Za-z0-9_-]{0,39}')
@@ -57,24 +60,6 @@ SCENARIO_KEYS = {
         'patches': 'friction_patches',
     },
 }
-
-
-class ScenarioFacts(NamedTuple):
-    """The properties of a scenario that set parameters of nodes, or are recorded with a run."""
-
-    name: str
-    text: str  # of the file
-    source: str  # name or absolute path, as scenario_node takes it
-    friction: float
-    start: Mapping[str, float]  # x_m, y_m, yaw_rad, speed_mps; if it slides, more
-    stop: Mapping[str, float]  # x_m, y_m, yaw_rad, armed_after_m, time_s
-    patches: Mapping[str, tuple[float, ...]]  # corners_m, friction; empty without patches
-    path: np.ndarray  # (n, 2) m, the coarse path
-    length_m: float  # along the path to the finish line
-    speeds: Sequence[tuple[str, float]] = ()  # key in the scenario file and m/s: start, desired
-
-    def __repr__(self) -> str:
-        return f'ScenarioFacts({self.name!r}, {self.length_m:.0f} m, source={self.source!r})'
 
 
 class Controller(NamedTuple):
@@ -125,15 +110,13 @@ def find_controller(name_or_path: str, programs: bool = False) -> Controller:
             raise BagError(
                 f'the controller {name_or_path!r} is a program: only `experiments run` drives it'
             )
-        return Controller(path.stem, known_controllers()['mpcc'].absolute(), program)
+        return Controller(path.stem, find_controller('mpcc').config, program)
     is_path = os.sep in name_or_path or path.suffix == PYTHON
     if path.suffix not in YAML_SUFFIXES and not is_path:
-        known = known_controllers()
-        if name_or_path not in known:
-            raise BagError(
-                f'no controller {name_or_path!r}{_describe_unknown(name_or_path, known)}'
-            )
-        path = known[name_or_path]
+        path = share.path('mpcc_controller', 'config') / f'{name_or_path}.yaml'
+        if not _is_controller(path):
+            unknown = _describe_unknown(name_or_path, known_controllers())
+            raise BagError(f'no controller {name_or_path!r}{unknown}')
     if not path.is_file():
         raise BagError(f'no controller {name_or_path!r}: {_missing_file(path)}')
     if path.suffix not in YAML_SUFFIXES:
@@ -232,11 +215,16 @@ def find_controllers(
 def known_controllers() -> dict[str, Path]:
     """Return the controller files in config/ by name; a file without a car is no controller."""
     files = sorted(share.path('mpcc_controller', 'config').glob('*.yaml'))
-    return {file.stem: file for file in files if 'car_file' in parameters.read_file(file).values}
+    return {file.stem: file for file in files if _is_controller(file)}
+
+
+def _is_controller(file):
+    return file.is_file() and 'car_file' in parameters.read_file(file).values
 
 
 def build_nodes(
-    facts: ScenarioFacts,
+    scn: Scenario,
+    source: str,
     controller: Controller,
     mode: str,
     bag: Path,
@@ -248,22 +236,26 @@ def build_nodes(
 ) -> list[Node]:
     """Return the nodes of a run in starting order; `overrides` are parameters by role.
 
-    `plant_program` is the command that is started in place of plant_node, with its parameters.
+    `source` is the name or path of the scenario, as scenario_node takes it. `plant_program` is the
+    command that is started in place of plant_node, with its parameters.
 
     `origins` are the sources of overrides, by role and name, for errors; without one it is `--set`.
     Without `record` there is no recorder, and no node waits for one.
     """
+    # of a start that does not slide, the first ones
+    start = zip(START, scn.start if any(scn.start[4:]) else scn.start[:4])
+    stop = parameters.flatten(StopParams(*scn.stop))  # in the same order and units
     plant = {
-        'friction': facts.friction,
+        'friction': scn.friction,
         'start.from': 'parameters',
-        **{f'start.{name}': value for name, value in facts.start.items()},
-        **{f'stop.{name}': value for name, value in facts.stop.items()},
-        **{f'patches.{name}': list(value) for name, value in facts.patches.items() if value},
+        **{f'start.{name}': value for name, value in start},
+        **{f'stop.{name}': value for name, value in stop.items() if value is not None},
+        **{f'patches.{name}': [*v] for name, v in scn.patches._asdict().items() if v},
     }
     by_role = {
         'recorder': {'out': str(bag), 'run_info': str(run_info)},
-        'scenario': {'scenario': facts.source},
-        'controller': {'model.friction': facts.friction},
+        'scenario': {'scenario': source},
+        'controller': {'model.friction': scn.friction},
         'plant': plant,
     }
     nodes = []
@@ -283,23 +275,13 @@ def build_nodes(
         keys = SCENARIO_KEYS.get(role, {})
         by_name = {name: keys.get(name) or keys.get(name.partition('.')[0]) for name in own}
         sources = {
-            **{name: f'scenario {facts.source}: {key}' for name, key in by_name.items() if key},
+            **{name: f'scenario {source}: {key}' for name, key in by_name.items() if key},
             **{name: f'--set {role}.{name}' for name in given},
             **origins.get(role, {}),
         }
         executable = Path(program[-1]).name if program else f'{role}_node'
         nodes.append(Node(role, DEFAULTS[role][0], executable, files, values, sources, program))
     return nodes
-
-
-def build_mpcc_nodes(
-    facts: ScenarioFacts, mode: str, folder: Path, overrides: Mapping[str, Mapping[str, Any]]
-) -> list[Node]:
-    """Return the nodes of a run of `mpcc`, recorded to `folder`/bag without run information."""
-    run_info = folder / RUN_INFO_FILE
-    run_info.write_text('{}')
-    mpcc = find_controller('mpcc')
-    return build_nodes(facts, mpcc, mode, folder / BAG_FOLDER, run_info, overrides)
 
 
 def build_markers_node(nodes: Sequence[Node]) -> Node:
@@ -347,7 +329,7 @@ class LoadedFacts(NamedTuple):
 
 
 def write_run_info(
-    facts: ScenarioFacts,
+    scn: Scenario,
     controller: Controller,
     mode: str,
     nodes: Sequence[Node],
@@ -360,7 +342,7 @@ def write_run_info(
     comment at the top of the controller's file, and the lateral acceleration that the plant holds.
     """
     values = collect_parameters(nodes, loaded.file_values)
-    run_info = provenance.describe_run(facts.name, facts.text, controller.name, mode, values)
+    run_info = provenance.describe_run(scn.name, scn.text, controller.name, mode, values)
     if controller.label:
         run_info[provenance.LABEL] = controller.label
     run_info[CONTROLLER_TEXT] = leading_comment(controller.config.read_text())

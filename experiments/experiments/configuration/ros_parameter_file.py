@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from bags.errors import BagError
 from experiments.configuration.node_config import ROLES
@@ -12,21 +12,18 @@ EVERY_NODE, ANY_NAMESPACE = '/**', '/**/'
 PARAMETERS = 'ros__parameters'
 
 
-class FileParameters(NamedTuple):
-    """The parameters of files, by role and dotted name."""
+def read_files(
+    paths: Sequence[str], namespace: str = ''
+) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, str]]]:
+    """Return values and sources (<file>:<line>) of parameters in files, by role and dotted name.
 
-    values: dict[str, dict[str, Any]]
-    sources: dict[str, dict[str, str]]  # <file>:<line>
-
-
-def read_files(paths: Sequence[str], namespace: str = '') -> FileParameters:
-    """Read parameter files; of a parameter that several set, the last one counts.
+    Of a parameter that several files set, the last one counts.
 
     A section is for the node that it names (`plant`, `/plant`, `/**/plant`, or with the `namespace`
     of the run `/car1/plant`), or for every node (`/**`). Raises BagError for a file that cannot be
     read, and `<file>:<line>: <key>: <what>` for a section of another node.
     """
-    parameters = FileParameters({}, {})
+    parameters = ({}, {})
     for path in paths:
         try:
             _read_file(Path(path).expanduser(), namespace, parameters)

@@ -7,7 +7,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from experiments.configuration.node_config import ScenarioFacts
 from mpcc_controller import in_force
 from mpcc_controller.parameters import CarParams, ControllerParams
 from scenario_publisher import advice, scenario
@@ -21,33 +20,29 @@ SHARE_TOLERANCE = 0.05  # of the drive force at the front axle
 REACHED_SHARE = 0.95  # of a desired speed: so much counts as reached
 
 
-def find_warnings(
-    scn: Scenario, facts: ScenarioFacts, checked: Mapping[str, tuple[Any, Any]]
-) -> list[str]:
+def find_warnings(scn: Scenario, source: str, checked: Mapping[str, tuple[Any, Any]]) -> list[str]:
     """Return one line for what is rarely meant in a scenario and for each mismatch, [] without.
 
-    `facts` are those of `scn`, `checked` is from `inputs.check_parameters`.
+    `source` is its name or file, `checked` is from `inputs.check_parameters`.
     """
     (params, vehicle), (_, plant) = checked['controller'], checked['plant']
     return [
-        *advice.flatten(judge(scn, facts, checked)),
+        *advice.flatten(judge(scn, source, checked)),
         *filter(None, [_drive_layout(params, vehicle, plant)]),
         *in_force.describe_changes(params, vehicle),
     ]
 
 
-def judge(
-    scn: Scenario, facts: ScenarioFacts, checked: Mapping[str, tuple[Any, Any]]
-) -> list[Advice]:
+def judge(scn: Scenario, source: str, checked: Mapping[str, tuple[Any, Any]]) -> list[Advice]:
     """Return what is looked at in a scenario for a controller and a plant, with the warnings.
 
     The arguments are those of `find_warnings`.
     """
     (params, vehicle), (node, plant) = checked['controller'], checked['plant']
     start_mps = node.start.speed_mps
-    desired = [(key, speed) for key, speed in facts.speeds if not key.startswith(START)]
-    given = [key for key, _ in facts.speeds if key.startswith(START)]
-    is_set = start_mps != facts.start['speed_mps']
+    desired = [(key, speed) for key, speed in scn.speeds if not key.startswith(START)]
+    given = [key for key, _ in scn.speeds if key.startswith(START)]
+    is_set = start_mps != scn.start.speed
     # without a start speed of its own the scenario starts at the desired speed, checked anyway
     start = [(PLANT_START if is_set else given[0], start_mps)] if is_set or given else []
     params = in_force.with_stable_speed(params, vehicle)
@@ -62,7 +57,7 @@ def judge(
         vehicle.actuators.drive_n, params.limits.drive_n, actuator_limits(plant.car).drive_n
     )
     fast = _unreached_speed(scn, desired, start_mps, drive_n, plant.car.body)
-    named = scenario.describe_namesake(facts.source, scn)
+    named = scenario.describe_namesake(source, scn)
     return [
         *advice.judge(scn, params.model.horizon * params.model.step_s),
         Advice('no speed is so low that the controller stops', tuple(slow)),

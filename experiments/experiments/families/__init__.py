@@ -9,5 +9,5 @@ bends              an obstacle in a bend
 slippery           another friction under one side of the car or both
 lane_change_task   tasks of the study of tuned controllers
 plant_variant      their plants, and the cars identified on them
-demand             the lateral acceleration that a course demands
+demand             the path curvature that a course demands
 """

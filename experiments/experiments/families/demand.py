@@ -1,12 +1,13 @@
-"""The lateral acceleration that a scenario demands of any car, by a linear program.
+"""The path curvature that a course demands of any car, by a linear program.
 
-A point mass drives along a straight road at constant speed v. Its lateral position y(x) has the
-curvature y'' = a / v^2 (small heading angles), with one acceleration a per STEP_M of road. The
-constraints are the safety distances to obstacles and edges, on the sides on which the coarse path
-passes the obstacles; the program minimises the largest |a|. The result is a property of the task:
-no controller and no tyre model is involved.
+A point mass drives along a straight road. Its lateral position y(x) has one curvature y'' per
+STEP_M of road (small heading angles); at a constant speed v the lateral acceleration is v^2 y''.
+The constraints are the safety distances to obstacles and edges, on the sides on which the coarse
+path passes the obstacles; the program minimises the largest |y''|. The result is a property of the
+task: no controller and no tyre model is involved.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,41 +26,35 @@ class Area(NamedTuple):
     on_left: bool  # whether the car passes to the left of the obstacle, y above it
 
 
-class Corridor(NamedTuple):
-    """The bounds of the centre of gravity on a straight road; arrays (n,) over x."""
+def least_curvature(
+    x: np.ndarray, low: np.ndarray, high: np.ndarray, areas: Sequence[Area]
+) -> float:
+    """Return the least peak curvature [1/m] that keeps a point mass within a corridor.
 
-    x: np.ndarray  # m, ascending, driving direction
-    low: np.ndarray  # m, least y allowed by the right edge
-    high: np.ndarray  # m, largest y allowed by the left edge
-    areas: tuple[Area, ...]
+    x      (n,) m, ascending, driving direction of a straight road
+    low    (n,) m, least y that the right edge allows to the centre of gravity
+    high   (n,) m, largest y that the left edge allows
+    areas  that it must not enter
 
-    def __repr__(self) -> str:
-        return f'Corridor({self.x[0]:g} to {self.x[-1]:g} m, areas={self.areas})'
-
-
-def least_peak(corridor: Corridor, speed: float) -> float:
-    """Return the least peak lateral acceleration [m/s^2] that keeps a point mass within a corridor.
-
-    The car enters at y = 0 without heading angle. Returns inf when no acceleration, however large,
+    The car enters at y = 0 without heading angle. Returns inf when no curvature, however large,
     keeps it within the corridor.
     """
-    x = corridor.x - corridor.x[0]
-    low, high = corridor.low.copy(), corridor.high.copy()
-    for area in corridor.areas:
-        beside = np.abs(corridor.x - area.x) < area.radius
-        half = np.sqrt(area.radius**2 - (corridor.x[beside] - area.x) ** 2)
+    low, high = low.copy(), high.copy()
+    for area in areas:
+        beside = np.abs(x - area.x) < area.radius
+        half = np.sqrt(area.radius**2 - (x[beside] - area.x) ** 2)
         if area.on_left:
             low[beside] = np.maximum(low[beside], area.y + half)
         else:
             high[beside] = np.minimum(high[beside], area.y - half)
     if low[0] > 0.0 or high[0] < 0.0 or np.any(low > high):
         return float('inf')
-    # unknowns: y and y' at every x, a in every interval, the peak; sparse, so that thousands of
+    # unknowns: y and y' at every x, y'' in every interval, the peak; sparse, so that thousands of
     # tasks can be solved
     count = len(x) - 1
-    step, curvature = np.diff(x), 1.0 / speed**2
+    step = np.diff(x)
     here, there = sparse.eye(count, count + 1), sparse.eye(count, count + 1, 1)
-    moved, turned = (sparse.diags(curvature * step**power / power) for power in (2, 1))
+    moved, turned = (sparse.diags(step**power / power) for power in (2, 1))
     motion = sparse.bmat(
         [
             [there - here, -sparse.diags(step) @ here, -moved, None],

@@ -25,10 +25,9 @@ def lateral_shift_and_back(time_s: float, friction: float) -> float:
     return lateral_shift(time_s, friction) / 2.0
 
 
-def braking_distance(speed: float, friction: float, to_speed: float = 0.0) -> float:
-    """Return the distance [m] from the sight of a reason to brake until a speed is reached."""
-    slower = max(0.0, speed**2 - to_speed**2)
-    return DELAY_S * speed + slower / (2.0 * GRIP_SHARE * friction * GRAVITY)
+def braking_distance(speed: float, friction: float) -> float:
+    """Return the distance [m] from the sight of a reason to brake until the car stands."""
+    return DELAY_S * speed + speed**2 / (2.0 * GRIP_SHARE * friction * GRAVITY)
 
 
 def shift_beside(radius: float, offset: float) -> float:
@@ -39,9 +38,9 @@ def shift_beside(radius: float, offset: float) -> float:
     return max(0.0, radius + CAR_WIDTH / 2 + CLEARANCE - abs(offset))
 
 
-def can_stop(speed: float, distance: float, friction: float, to_speed: float = 0.0) -> bool:
-    """Return whether a car can brake to a speed before its nose has gone a distance [m]."""
-    return braking_distance(speed, friction, to_speed) + CAR_NOSE <= distance
+def can_stop(speed: float, distance: float, friction: float) -> bool:
+    """Return whether a car can stop before its nose has gone a distance [m]."""
+    return braking_distance(speed, friction) + CAR_NOSE <= distance
 
 
 def can_pass_or_stop(

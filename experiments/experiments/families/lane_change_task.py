@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from experiments.families import demand, plant_variant, scenario_document
-from experiments.families.demand import Area, Corridor
+from experiments.families.demand import Area
 from experiments.families.plant_variant import Variant
 from scenario_publisher import lines
 
@@ -212,4 +212,4 @@ def required_curvature(values: Mapping[str, float]) -> float:
         for (x_m, y_m, radius), on_left in zip(layout.obstacles, (True, False))
     )
     low, high = np.full(len(x), layout.right + room), np.full(len(x), layout.left - room)
-    return demand.least_peak(Corridor(x, low, high, areas), 1.0)
+    return demand.least_curvature(x, low, high, areas)

@@ -63,9 +63,6 @@ class ComparedTick(NamedTuple):
     pairs: tuple[Pair, ...]
     gap: str  # the reason why a difference is no failure, '' for none
 
-    def __repr__(self) -> str:
-        return f'ComparedTick({self.tick.number}, differing={self.differing}, gap={self.gap!r})'
-
     @property
     def differing(self) -> tuple[Pair, ...]:
         """The fields beyond their tolerances."""
@@ -78,9 +75,6 @@ class Report(NamedTuple):
     name: str  # of the bag
     run_info: Mapping[str, str]
     ticks: tuple[ComparedTick, ...]
-
-    def __repr__(self) -> str:
-        return f'Report({self.name!r}, {len(self.ticks)} ticks, {len(self.failures)} failures)'
 
     @property
     def failures(self) -> tuple[ComparedTick, ...]:

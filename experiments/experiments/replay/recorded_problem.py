@@ -43,9 +43,6 @@ class Distance(NamedTuple):
     safe: float  # m, D_sft
     weight: np.ndarray  # (N + 1,) 1/m^2, in force
 
-    def __repr__(self) -> str:
-        return f'Distance({self.name!r}, least {np.min(self.D):.3f} m)'
-
 
 class Solved(NamedTuple):
     """The solution of a problem. Arrays over the stages are (N + 1,), of inputs (N,)."""
@@ -66,9 +63,6 @@ class Solved(NamedTuple):
     active: tuple[ActiveLimit, ...]
     circles: tuple[float, tuple[float, ...]]  # radius and offsets of the vehicle's circles [m]
     plan: Plan  # in the map, with its multipliers: the guess of a neighbouring problem
-
-    def __repr__(self) -> str:
-        return f'Solved({self.status!r}, {self.iterations} iterations, cost={self.cost:.6g})'
 
     @property
     def cost(self) -> float:

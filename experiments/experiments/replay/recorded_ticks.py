@@ -55,11 +55,6 @@ class RecordedInputs(NamedTuple):
     resumed: bool = False  # the first tick after a pause, in which the controller was not active
     compared: types.Actuators | None = None  # with the set-points
 
-    def __repr__(self) -> str:
-        values = self._asdict() | {'changes': self.changes or None, 'resumed': self.resumed or None}
-        present = [name for name, value in values.items() if value is not None]
-        return f'RecordedInputs({", ".join(present)})'
-
 
 class Tick(NamedTuple):
     """One recorded tick."""
@@ -72,9 +67,6 @@ class Tick(NamedTuple):
     why: types.Why
     prediction: types.Prediction | None
     gaps: tuple[str, ...]  # reasons why it cannot be repeated exactly
-
-    def __repr__(self) -> str:
-        return f'Tick({self.number}, t={self.t_s:.2f} s, {self.why.message!r}, gaps={self.gaps})'
 
 
 class RecordedTopic:

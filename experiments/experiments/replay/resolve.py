@@ -55,9 +55,6 @@ class Answer(NamedTuple):
     changed: Solved | None
     sensitivities: tuple[Sensitivity, ...]
 
-    def __repr__(self) -> str:
-        return f'Answer({self.name!r}, {self.tick!r}, is_same={self.is_same})'
-
     @property
     def is_same(self) -> bool:
         """Whether solving again gives the recorded command."""

@@ -32,9 +32,6 @@ class Surface(NamedTuple):
     degree: int
     skill: float  # share of the log loss of a constant that is gained on unseen drives, at most 1
 
-    def __repr__(self) -> str:
-        return f'Surface(degree={self.degree}, skill={self.skill:.2f})'
-
 
 def fit(x: np.ndarray, y: np.ndarray, holds: np.ndarray, units: Sequence) -> Surface:
     """Return the surface of truths at points; drives of one unit are resampled together.

@@ -13,9 +13,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from bags.storage.message_filing import CLOCK
 from experiments.configuration import node_config
-from experiments.configuration.node_config import Controller, LoadedFacts, ScenarioFacts
+from experiments.configuration.node_config import Controller, LoadedFacts
 from experiments.progress import RunProgress
 from experiments.run import processes
 from experiments.run.interrupt import Interrupt, Interrupted
@@ -23,6 +25,7 @@ from experiments.run.live_position import STATE, PositionReader
 from experiments.run.processes import Process, ProcessError
 from experiments.run.staging import StagingDirectory
 from node_runtime.provenance import DIRTY
+from scenario_publisher.scenario import Scenario
 
 POLL_S = {'lockstep': 0.0, 'realtime': 1.0}  # least time between two reads of the growing bag
 NICE = {'recorder': 5}  # realtime: messages wait for the recorder without harm
@@ -39,14 +42,21 @@ REGULAR_ENDS = (FINISHED, NOT_FINISHED, CONTROLLER_GONE)
 class RunSettings(NamedTuple):
     """The settings shared by the runs of a batch."""
 
+    scn: Scenario
+    source: str  # name or path of the scenario, as scenario_node takes it
     mode: str  # lockstep or realtime
     folder: Path  # that receives <controller>/
     overrides: Mapping[str, Mapping[str, Any]]  # parameters by role
-    domain: int  # ROS_DOMAIN_ID
     time_limit_s: float  # of wall time per run
+    domain: int = 0  # ROS_DOMAIN_ID
     markers: bool = False  # whether to start the node that draws for 3D viewers
     overwrite: bool = False  # whether an older bag is replaced rather than kept under a number
     plant: tuple[str, ...] = ()  # the command of a plant of the user
+
+    @property
+    def path(self) -> np.ndarray:
+        """The coarse path, (n, 2) [m]."""
+        return np.column_stack([self.scn.reference.X, self.scn.reference.Y])
 
 
 class RunOutcome(NamedTuple):
@@ -61,10 +71,9 @@ class RunOutcome(NamedTuple):
 
 
 def run_once(
-    facts: ScenarioFacts,
+    settings: RunSettings,
     controller: Controller,
     loaded: LoadedFacts,
-    settings: RunSettings,
     interrupt: Interrupt,
     progress: RunProgress,
 ) -> RunOutcome:
@@ -87,7 +96,8 @@ def run_once(
     try:
         run_info = staging.logs / node_config.RUN_INFO_FILE
         nodes = node_config.build_nodes(
-            facts,
+            settings.scn,
+            settings.source,
             controller,
             settings.mode,
             staging.bag,
@@ -95,12 +105,12 @@ def run_once(
             settings.overrides,
             plant_program=settings.plant,
         )
-        node_config.write_run_info(facts, controller, settings.mode, nodes, run_info, loaded)
+        node_config.write_run_info(settings.scn, controller, settings.mode, nodes, run_info, loaded)
         same = _is_repetition(run_info, staging.final / staging.logs.name / run_info.name)
         staging.keeps_older = not (settings.overwrite or same)
         if settings.markers:
             nodes = [node_config.build_markers_node(nodes), *nodes]
-        reader = PositionReader(staging.bag, facts.path, POLL_S[settings.mode])
+        reader = PositionReader(staging.bag, settings.path, POLL_S[settings.mode])
         message, code = _drive(nodes, settings, staging, interrupt, progress, reader)
     except Interrupted as interrupted:
         interrupted.kept = staging.root

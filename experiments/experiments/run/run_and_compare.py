@@ -13,6 +13,7 @@ from rich.console import Console
 
 from bags.command_line import print_text
 from bags.errors import BagError
+from bags.evaluation.metrics.outcome import stop_station
 from experiments import tick_events
 from experiments.configuration import inputs, node_config, run_advice
 from experiments.progress import RunProgress
@@ -163,74 +164,76 @@ def run_controllers(
     `compiles` is whether to compile ahead: not where the caller does it.
     """
     given, controllers, scn = _read(request)
-    overrides = given.settings
-    facts = inputs.scenario_facts(scn, given.scenario)
-    folder = request.out / facts.name
-    plant = node_config.find_plant(request.plant) if request.plant else ()
+    folder = request.out / scn.name
+    settings = RunSettings(
+        scn,
+        given.scenario,
+        request.mode,
+        folder.absolute(),
+        given.settings,
+        request.time_limit_s,
+        markers=request.markers,
+        overwrite=request.overwrite,
+        plant=node_config.find_plant(request.plant) if request.plant else (),
+    )
     # the checks compile something. On the wall clock the nodes need all cores
     compiles_ahead = compiles and request.mode == 'lockstep' and compile_ahead.is_worth_while()
     checked = {}
     for controller in controllers:
         nodes = node_config.build_nodes(
-            facts, controller, request.mode, folder, folder, overrides, given.origins
+            scn,
+            given.scenario,
+            controller,
+            request.mode,
+            folder,
+            folder,
+            given.settings,
+            given.origins,
         )
         own_parameters = inputs.check_parameters(nodes)
-        if not (request.any_car or controller.program or plant):
+        if not (request.any_car or controller.program or settings.plant):
             inputs.check_car_fits(nodes, own_parameters)
         if not controller.program:
             inputs.check_problem(own_parameters, controller.name)
-        checked[controller.run_name] = nodes, own_parameters
-    own = [checked[c.run_name][1][inputs.CONTROLLER] for c in controllers if not c.program]
+        checked[controller] = nodes, own_parameters
+    own = [checked[c][1][inputs.CONTROLLER] for c in controllers if not c.program]
     with compile_ahead.compiling(own if compiles_ahead else ()):
         loaded = {}
-        for controller in controllers:
-            nodes, own_parameters = checked[controller.run_name]
-            loaded[controller.run_name] = inputs.loaded_facts(
-                own_parameters, is_shipped_plant=not plant
+        for controller, (nodes, own_parameters) in checked.items():
+            loaded[controller] = inputs.loaded_facts(
+                own_parameters, is_shipped_plant=not settings.plant
             )
-            warnings = run_advice.find_warnings(scn, facts, own_parameters)
-            if request.any_car and not (controller.program or plant):
+            warnings = run_advice.find_warnings(scn, given.scenario, own_parameters)
+            if request.any_car and not (controller.program or settings.plant):
                 warnings = [*inputs.describe_misfit(nodes, own_parameters), *warnings]
             for text in warnings:
                 console.print(WARNING.format(controller.run_name), end='')
                 print_text(console, text)
         with staging.created_folder(folder, f'--out {request.out}'):
-            outcomes = _run_each(
-                request, plant, facts, controllers, loaded, overrides, folder, console
-            )
-            return folder, outcomes
+            return folder, _run_each(settings, loaded, console)
 
 
-def _run_each(request, plant, facts, controllers, loaded, overrides, folder, console):
-    for line in staging.recover(folder):
+def _run_each(settings, loaded, console):
+    """Run each controller of `loaded`, which has what its run records."""
+    for line in staging.recover(settings.folder):
         print_text(console, line)
     others = domain.describe_others(os.environ)
     if others:
         print_text(console, f'warning: {others}', 'yellow')
-    outcomes = []
+    stop, outcomes = settings.scn.stop, []
+    length_m = stop_station(settings.path, (stop.X, stop.Y), stop.armed_after)
+    # on the wall clock the nodes need all cores
+    on_motion = _begin_import if settings.mode == 'lockstep' else None
     try:
         with (
             Interrupt() as interrupt,
-            # on the wall clock the nodes need all cores
-            RunProgress(console, _begin_import if request.mode == 'lockstep' else None) as progress,
+            RunProgress(console, on_motion) as progress,
             domain.reserved(os.environ) as domain_id,
         ):
-            run_settings = RunSettings(
-                request.mode,
-                folder.absolute(),
-                overrides,
-                domain_id,
-                request.time_limit_s,
-                request.markers,
-                request.overwrite,
-                plant,
-            )
-            for controller in controllers:
-                name = controller.run_name
-                progress.begin(name, facts.length_m)
-                outcome = node_graph.run_once(
-                    facts, controller, loaded[name], run_settings, interrupt, progress
-                )
+            settings = settings._replace(domain=domain_id)
+            for controller, facts in loaded.items():
+                progress.begin(controller.run_name, length_m)
+                outcome = node_graph.run_once(settings, controller, facts, interrupt, progress)
                 progress.end(outcome.controller, outcome.completed, outcome.message)
                 outcomes.append(outcome)
     except Interrupted as interrupted:

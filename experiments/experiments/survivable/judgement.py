@@ -35,6 +35,12 @@ class Shortfall(NamedTuple):
         """What the search minimises."""
         return 2 * self.gap + 2 * self.road + self.sideslip
 
+    @property
+    def may_survive(self) -> bool:
+        """Whether the trajectory is worth the metrics of the whole drive."""
+        is_on_road = self.road < ROAD_MARGIN_M
+        return self.gap < MARGIN_M and is_on_road and self.sideslip < SLIDING_MARGIN_DEG / 10
+
 
 class Judge:
     """Measures rollouts of one emergency; the obstacles' motion is computed once."""
@@ -90,11 +96,6 @@ class Judge:
                 table = tables.setdefault(o.id, np.full((len(stamps), 5), np.nan))
                 table[row] = o.X, o.Y, o.vX, o.vY, o.r_obs
         return list(tables.values())
-
-    def may_survive(self, rollout: Rollout) -> bool:
-        """Return whether a rollout is worth the metrics of the whole drive."""
-        s = self.shortfall(rollout)
-        return s.gap < MARGIN_M and s.road < ROAD_MARGIN_M and s.sideslip < SLIDING_MARGIN_DEG / 10
 
 
 def survives(drive: Drive) -> bool:

@@ -21,7 +21,7 @@ from bags.evaluation.drive import Drive
 from experiments.simulation import Setup
 from experiments.survivable import bound, sides
 from experiments.survivable.emergency import TICK_S, Emergency, Rollout
-from experiments.survivable.judgement import Judge, survives
+from experiments.survivable.judgement import Judge, Shortfall, survives
 from experiments.survivable.pilots import Foresight, Manoeuvre, Tracker
 from experiments.survivable.sides import Approach
 from mpcc_controller.parameters import ControllerParams
@@ -66,103 +66,82 @@ def survivable(
     empty_at = bound.impossible_at(emergency)
     if empty_at is not None:
         return Verdict(IMPOSSIBLE, f'no position is left {empty_at:.2f} s after it begins', 0, None)
-    search = _Search(emergency, budget)
-    stages = [
-        search.with_hindsight(drivers or (setup.params,)),
-        search.manoeuvres(np.random.default_rng(seed)),
-    ]
-    for stage in stages:
-        for how, rollout in stage:
-            drive = emergency.drive(rollout)
-            if survives(drive):
-                return Verdict(POSSIBLE, how, search.rollouts, drive)
-            if search.rollouts >= budget:
-                break
+    search = _Search(emergency, budget, np.random.default_rng(seed))
+    for how, rollout in search.candidates(drivers or (setup.params,)):
+        drive = emergency.drive(rollout)
+        if survives(drive):
+            return Verdict(POSSIBLE, how, search.rollouts, drive)
+        if search.rollouts >= budget:
+            break
     return Verdict(UNDECIDED, 'nothing found', search.rollouts, None)
 
 
 class _Search:
-    """The candidates of one emergency; every stage yields those that may survive."""
+    """The rollouts of one emergency."""
 
-    def __init__(self, emergency: Emergency, budget: int):
-        self.emergency, self.judge = emergency, Judge(emergency)
-        self.approaches = sides.approaches(emergency)
-        self._budget = budget
-        self.rollouts = 0
-        self._costs = np.full(len(self.approaches), np.inf)
+    def __init__(self, emergency: Emergency, budget: int, rng: np.random.Generator):
+        self.emergency, self.judge, self._rng = emergency, Judge(emergency), rng
+        self._budget, self.rollouts = budget, 0
 
-    def _roll(self, pilot, ticks=None) -> tuple[Rollout, float]:
+    def _roll(self, pilot, ticks=None) -> tuple[Rollout, Shortfall]:
         self.rollouts += 1
         rollout = self.emergency.roll(pilot, ticks)
-        return rollout, self.judge.shortfall(rollout).cost
+        return rollout, self.judge.shortfall(rollout)
 
-    def with_hindsight(self, drivers) -> Iterator[tuple[str, Rollout]]:
+    def candidates(self, drivers: Sequence[ControllerParams]) -> Iterator[tuple[str, Rollout]]:
+        """Yield the rollouts that may survive, and how they were driven."""
+        approaches = sides.approaches(self.emergency)
+        costs = np.full(len(approaches), np.inf)
         for driver in drivers:
-            for i, approach in enumerate(self.approaches):
+            for i, approach in enumerate(approaches):
                 if self.rollouts >= self._budget:
                     return
-                rollout, cost = self._roll(Foresight(self.emergency, driver, approach))
-                self._costs[i] = min(self._costs[i], cost)
-                if self.judge.may_survive(rollout):
+                rollout, lack = self._roll(Foresight(self.emergency, driver, approach))
+                costs[i] = min(costs[i], lack.cost)
+                if lack.may_survive:
                     yield f'an MPCC with hindsight, approach {i}', rollout
-
-    def manoeuvres(self, rng) -> Iterator[tuple[str, Rollout]]:
         starts = []
-        for i, approach in enumerate(self.approaches):
+        for i, approach in enumerate(approaches):
             if self.rollouts >= self._budget:
                 return
             shape = _Shape(self.emergency, approach)
-            rollout, cost = self._roll(shape.pilot(shape.start))
-            starts.append((min(cost, self._costs[i]), i, shape))
-            if self.judge.may_survive(rollout):
+            rollout, lack = self._roll(shape.pilot(shape.start))
+            starts.append((min(lack.cost, costs[i]), i, shape))
+            if lack.may_survive:
                 yield f'a tracked approach {i}', rollout
         starts.sort(key=lambda start: start[:2])
-        runs = [_Run(i, shape, int(rng.integers(2**31))) for _, i, shape in starts]
-        del runs[STARTS:]
-        while any(not run.has_settled for run in runs):
-            for run in runs:
-                if not run.has_settled:
-                    yield from self._generation(run)
+        for _, _, shape in starts:
+            shape.begin_search(int(self._rng.integers(2**31)))
+        del starts[STARTS:]
+        while any(not shape.has_settled for _, _, shape in starts):
+            for _, i, shape in starts:
+                if not shape.has_settled:
+                    for rollout in self._generation(shape):
+                        yield f'a manoeuvre around approach {i}', rollout
                 if self.rollouts >= self._budget:
                     return
 
-    def _generation(self, run):
+    def _generation(self, shape):
         """Drive a generation and yield those that may survive."""
-        shape, costs = run.shape, []
-        candidates = [run.search.ask() for _ in range(run.search.population_size)]
+        costs = []
+        candidates = [shape.search.ask() for _ in range(shape.search.population_size)]
         for vector in (candidate * shape.scale for candidate in candidates):
-            rollout, cost = self._roll(shape.pilot(vector), shape.ticks)
-            costs.append(cost + EFFORT * shape.effort(vector))
-            if self.judge.may_survive(rollout):
-                whole, _ = self._roll(shape.pilot(vector))
-                if self.judge.may_survive(whole):
-                    yield f'a manoeuvre around approach {run.approach}', whole
-        run.search.tell([*zip(candidates, costs)])
-        run.best.append(min(costs))
-
-
-class _Run:
-    """A search around one approach by CMA-ES, in units of the scale of its vectors.
-
-    Hansen, "The CMA Evolution Strategy: A Tutorial".
-    """
-
-    def __init__(self, approach: int, shape: '_Shape', seed: int):
-        self.approach, self.shape = approach, shape
-        self.search = CMA(shape.start / shape.scale, 1.0, seed=seed)
-        self.best: list[float] = []  # cost of each generation
-
-    @property
-    def has_settled(self) -> bool:
-        """Whether the last generations were no better than those before."""
-        if len(self.best) <= SETTLED_GENERATIONS:
-            return False
-        before, last = self.best[:-SETTLED_GENERATIONS], self.best[-SETTLED_GENERATIONS:]
-        return min(last) > (1 - SETTLED_SHARE) * min(before)
+            _, lack = self._roll(shape.pilot(vector), shape.ticks)
+            costs.append(lack.cost + EFFORT * shape.effort(vector))
+            if lack.may_survive:
+                whole, lack = self._roll(shape.pilot(vector))
+                if lack.may_survive:
+                    yield whole
+        shape.search.tell([*zip(candidates, costs)])
+        shape.best.append(min(costs))
 
 
 class _Shape:
-    """Manoeuvres around an approach as vectors: changes of offset, braking, tracking."""
+    """Manoeuvres around an approach as vectors: changes of offset, braking, tracking.
+
+    They are searched by CMA-ES in units of their scale: Hansen, "The CMA Evolution Strategy: A
+    Tutorial".
+    """
 
     def __init__(self, emergency: Emergency, approach: Approach):
         self._emergency, self._approach = emergency, approach
@@ -178,6 +157,18 @@ class _Shape:
         self.start = np.concatenate([np.zeros(len(self._s)), braking, np.zeros(3)])
         scales = (np.full(len(self._s), OFFSET_SCALE_M), np.full(len(self._t), BRAKE_SCALE))
         self.scale = np.concatenate([*scales, np.full(3, 0.25)])
+        self.best: list[float] = []  # cost of each generation
+
+    def begin_search(self, seed: int) -> None:
+        self.search = CMA(self.start / self.scale, 1.0, seed=seed)
+
+    @property
+    def has_settled(self) -> bool:
+        """Whether the last generations were no better than those before."""
+        if len(self.best) <= SETTLED_GENERATIONS:
+            return False
+        before, last = self.best[:-SETTLED_GENERATIONS], self.best[-SETTLED_GENERATIONS:]
+        return min(last) > (1 - SETTLED_SHARE) * min(before)
 
     def pilot(self, vector: np.ndarray) -> Tracker:
         m, k = len(self._s), len(self._t)

@@ -15,6 +15,7 @@ from experiments.configuration import node_config
 from msgs_yaml import conformance, encode, share
 from msgs_yaml.types import Obstacle, Obstacles, Prediction, VehicleState, Why
 from node_runtime import parameters, ros, spin_node
+from scenario_publisher import scenario
 
 CUT = bytes.fromhex('00010000ff')  # no message of any type
 SECONDS = 60.0
@@ -91,11 +92,11 @@ def test_it_draws_the_ring_with_its_own_parameters_and_outlives_bad_messages(nod
 
 
 def test_experiments_run_tells_it_what_car_drives_and_what_is_safe():
-    facts = node_config.ScenarioFacts('name', '', 'name', 0.9, {}, {}, {}, np.zeros((2, 2)), 10.0)
+    scn = scenario.load('straight')
     mpcc = node_config.find_controller('mpcc')
 
     def told(mode, **overrides):
-        ring = node_config.build_nodes(facts, mpcc, mode, '/b', '/n', overrides)
+        ring = node_config.build_nodes(scn, 'straight', mpcc, mode, '/b', '/n', overrides)
         return node_config.build_markers_node(ring).parameters
 
     text = told('realtime', controller={'safety.obstacle_m': 0.7})

@@ -7,14 +7,14 @@ from experiments.configuration import inputs, node_config, set_option
 
 @pytest.fixture
 def build(tmp_path):
-    """Return build(setting, ..., scenario=, controller=, facts=, given=): nodes by their role."""
+    """Return build(setting, ..., scenario=, controller=, scn=, given=): nodes by their role."""
 
     def build_nodes(*settings, scenario='double_lane_change', controller='mpcc', **more):
-        facts = more.get('facts') or inputs.load_facts(str(scenario))
+        scn = more.get('scn') or inputs.load_scenario(str(scenario))
         chosen = node_config.find_controller(str(controller), programs=True)
         given = more.get('given') or (set_option.parse_overrides(settings),)
         places = tmp_path / 'bag', tmp_path / 'notes'
-        nodes = node_config.build_nodes(facts, chosen, 'lockstep', *places, *given)
+        nodes = node_config.build_nodes(scn, str(scenario), chosen, 'lockstep', *places, *given)
         return {node.role: node for node in nodes}
 
     return build_nodes

@@ -12,6 +12,7 @@ from msgs_yaml import share
 from node_runtime import node_parameters, parameters, provenance
 from node_runtime.parameters import ROAD_FRICTION, RUN_TIME, SPEED
 from scenario_publisher import scenario
+from scenario_publisher.scenario import Start
 
 MPCC = share.path('mpcc_controller', 'config', 'mpcc.yaml')
 OWN = '/**:\n  ros__parameters:\n    base: {}\n    safety: {{obstacle_m: 0.875}}\n'
@@ -25,7 +26,6 @@ def test_the_nodes_get_what_the_scenario_says_and_all_of_it_is_recorded(build, r
     assert not [name for name in plant if name.startswith('patches')]
     assert {node.parameters['mode'] for node in nodes.values()} == {'lockstep'}
     assert [node.parameters['recorders'] for node in nodes.values()] == [0, 1, 1, 1]
-    assert inputs.load_facts('double_lane_change').length_m == pytest.approx(165.0, abs=0.5)
     noted = recorded(nodes)
     assert list(noted) == list(node_config.ROLES)
     for role, name in (
@@ -164,14 +164,14 @@ def test_the_ends_of_a_range_of_a_scenario_are_taken_by_controller_and_plant(
 ):
     source = tmp_path / 'own.yaml'
     source.write_text(yaml.safe_dump(yaml.safe_load(scenario.load('straight').text) | change))
-    facts = inputs.load_facts(str(source))
+    scn = inputs.load_scenario(str(source))
     for controller in ('mpcc', 'frenet'):
-        read = inputs.check_parameters(build(facts=facts, controller=controller).values())
+        read = inputs.check_parameters(build(scenario=source, controller=controller).values())
         params, plant = read['controller'][0], read['plant'][0]
-        assert params.model.friction == facts.friction == plant.friction
-        assert plant.start.speed_mps == facts.start['speed_mps']
-        assert plant.stop.time_s == facts.stop['time_s']
-        assert len(plant.patches.friction) == len(facts.patches['friction'])
+        assert params.model.friction == scn.friction == plant.friction
+        assert plant.start.speed_mps == scn.start.speed
+        assert plant.stop.time_s == scn.stop.time
+        assert len(plant.patches.friction) == len(scn.patches.friction)
 
 
 @pytest.mark.parametrize(
@@ -179,14 +179,14 @@ def test_the_ends_of_a_range_of_a_scenario_are_taken_by_controller_and_plant(
     [
         ({'friction': 0.01}, 'controller', r'friction: model\.friction: .* 0.05 to 1.5'),
         ({'friction': 0.01}, 'plant', 'friction: friction: .* 0.05 to 1.5'),
-        ({'start': {'x_m': 1e9}}, 'plant', r'start: start\.x_m: '),
+        ({'start': Start(1e9, 0.0, 0.0, 20.0)}, 'plant', r'start: start\.x_m: '),
     ],
 )
 def test_a_value_of_the_scenario_that_a_node_refuses_is_cited_with_file_and_key(
     build, changes, role, error
 ):
-    facts = inputs.load_facts('double_lane_change')._replace(source='ice.yaml', **changes)
-    node = build(facts=facts)[role]
+    scn = inputs.load_scenario('double_lane_change')._replace(**changes)
+    node = build(scenario='ice.yaml', scn=scn)[role]
     with pytest.raises(BagError, match=rf'scenario ice\.yaml: {error}'):
         inputs.check_parameters([node])
 

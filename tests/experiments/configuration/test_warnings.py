@@ -23,9 +23,8 @@ def find_warnings(build, tmp_path):
         source = tmp_path / 'own.yaml'
         source.write_text(yaml.safe_dump(document))
         scn = inputs.load_scenario(str(source))
-        facts = inputs.scenario_facts(scn, str(source))
-        nodes = build(*settings, facts=facts)
-        return run_advice.find_warnings(scn, facts, inputs.check_parameters(nodes.values()))
+        nodes = build(*settings, scenario=source)
+        return run_advice.find_warnings(scn, str(source), inputs.check_parameters(nodes.values()))
 
     return find
 

@@ -8,7 +8,6 @@ import os
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from rich.console import Console
 from shell_nodes import AWAIT_RECORDER, NODES, WAIT, left_over
@@ -19,18 +18,11 @@ from experiments.progress import RunProgress
 from experiments.run import node_graph
 from experiments.run.interrupt import Interrupt, Interrupted
 from node_runtime import provenance
+from scenario_publisher import scenario
 
-FACTS = node_config.ScenarioFacts(
-    name='somewhere',
-    text='schema: 1\n',
-    source='somewhere',
-    friction=0.8,
-    start={'x_m': 1.0, 'y_m': 2.0, 'yaw_rad': 0.0, 'speed_mps': 20.0},
-    stop={'x_m': 99.0, 'y_m': 0.0, 'yaw_rad': 0.0, 'armed_after_m': 9.0, 'time_s': 20.0},
-    patches={'corners_m': (), 'friction': ()},
-    path=np.array([[0.0, 0.0], [120.0, 0.0]]),
-    length_m=99.0,
-)
+STRAIGHT = scenario.load('straight')
+START = STRAIGHT.start._replace(speed=20.0)
+SCN = STRAIGHT._replace(name='somewhere', friction=0.8, start=START)
 PLANT, CONTROLLER = 'vehicle_plant/plant_node', 'mpcc_controller/controller_node'
 RECORDER = 'bags/recorder_node'
 # a recording that is not closed
@@ -53,15 +45,13 @@ def drive(tmp_path, prefix, runs):
 
     def drive(time_limit_s=60.0, label='', overwrite=False, plant=()):
         settings = node_graph.RunSettings(
-            'lockstep', runs, {}, 50, time_limit_s, overwrite=overwrite, plant=plant
+            SCN, 'straight', 'lockstep', runs, {}, time_limit_s, 50, False, overwrite, plant
         )
         (chosen,) = node_config.find_controllers(['mpcc'], [label] if label else [])
         try:
             with Interrupt() as interrupt, RunProgress(Console(quiet=True)) as progress:
-                progress.begin('mpcc', FACTS.length_m)
-                return node_graph.run_once(
-                    FACTS, chosen, LoadedFacts({}), settings, interrupt, progress
-                )
+                progress.begin('mpcc', 60.0)
+                return node_graph.run_once(settings, chosen, LoadedFacts({}), interrupt, progress)
         finally:
             assert left_over(tmp_path) == {}
 
@@ -100,7 +90,7 @@ def test_a_completed_run_is_kept_with_logs_and_the_older_one_under_a_number(runs
         'OPENBLAS_NUM_THREADS=1',
         'friction: 0.8',
         'start.speed_mps: 20.0',
-        'stop.x_m: 99.0',
+        'stop.x_m: 60.0',
         'recorders: 1',
         'mode: lockstep',
     ):
@@ -150,7 +140,7 @@ def test_a_plant_of_the_user_gets_the_parameters_and_is_recorded(drive, own_plan
     info = json.loads((outcome.bag / 'logs/run_info.json').read_text())
     noted = json.loads(info['parameters'])['plant']
     assert noted['program'].endswith('my_car')
-    assert (noted['friction'], noted['stop.x_m'], noted['car.outline.width_m']) == (0.8, 99.0, 1.85)
+    assert (noted['friction'], noted['stop.x_m'], noted['car.outline.width_m']) == (0.8, 60.0, 1.85)
     assert not any(name.startswith(('car.tyre', 'car.actuators')) for name in noted)
     assert 'start.speed_mps: 20.0' in (outcome.bag / 'logs/my_car.log').read_text()
 
