@@ -4,7 +4,8 @@ Outside a formulation a plan is in the map: its states are `single_track.State`,
 distance along the path. Inside it is in the states of the problem that is solved ("local").
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache, partial
 from pkgutil import resolve_name
 from typing import Any, ClassVar
 
@@ -14,7 +15,7 @@ from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car
 from mpcc_controller.parameters import FORMULATIONS, INTEGRATED, PROJECTED, ControllerParams
 from mpcc_controller.path.reference_path import ReferencePath
-from mpcc_controller.problem import cost_terms, stage_parameters
+from mpcc_controller.problem import cost_terms, ocp, stage_parameters
 from mpcc_controller.problem.cost_terms import CostTerm
 from mpcc_controller.problem.distance_frame import DistanceFrame
 from mpcc_controller.problem.ocp import Rules, SafetyDistance, SymbolicOcp, VehicleCircles
@@ -26,24 +27,31 @@ from stage_solver.stage_problem import Plan
 class Formulation:
     """One optimal control problem: what the planner needs to know of it.
 
-    A subclass sets the class variables and `ocp`, and gives its stages their parameters.
+    A subclass sets the class variables and gives its stages their parameters.
     """
 
+    state: ClassVar[type]  # a NamedTuple that has vx, vy, r, delta and Fx
+    scale_x: ClassVar[tuple]  # SI units per solver unit of each state
+    stage: ClassVar[type]  # a NamedTuple: CONSTANTS, then what differs from stage to stage
+    # of `stage`: what it has beside that of all formulations
+    template: ClassVar[tuple[tuple[str, Any], ...]]
+    rates: ClassVar[Callable]  # (x, u, p) -> dx/dt
+    quantities: ClassVar[Callable]  # (x, u or None, p, rules) -> StageQuantities
+    constraints: ClassVar[Callable]  # (x, u, p) -> Constraints
     tuned_weights: ClassVar[tuple[str, ...]]  # parameters of the weights that tuning varies
     distances: ClassVar[tuple[str, ...]]  # allowed values of formulation.distance
     has_lag: ClassVar[bool]  # whether formulation.lag may be true
     integrates_theta: ClassVar[bool]  # whether model.theta may be integrated
     has_track_centre: ClassVar[bool]  # whether the track is arcs around the centre of the road
     terms: ClassVar[Sequence[CostTerm]]
-    ocp: SymbolicOcp
 
     def __init__(self, params: ControllerParams, car: Car, frame: DistanceFrame):
         priority = cost_terms.PRIORITIES[params.formulation.priority]
         terms = cost_terms.in_use(self.terms, params)
         self.car = car
         self.rules = Rules(frame, priority, terms, single_track.structure(car))
-        # of vehicle circles and of obstacles in the problem
-        self.size = len(params.body.circle_offsets_m), params.surroundings.max_obstacles
+        size = len(params.body.circle_offsets_m), params.surroundings.max_obstacles
+        self.ocp = symbolic_ocp(type(self), params.formulation.name, *size, self.rules)
         self.set_params(params)
 
     def set_params(self, params: ControllerParams) -> None:
@@ -84,6 +92,28 @@ class Formulation:
     def to_map(self, plan: Plan, path: ReferencePath) -> Plan:
         """Return a plan of the problem in the map."""
         return plan
+
+
+@cache
+def symbolic_ocp(
+    kind: type[Formulation], name: str, circles: int, obstacles: int, rules: Rules
+) -> SymbolicOcp:
+    """Return a formulation in symbols for vehicle circles and obstacles of the given numbers."""
+    shared = {
+        'v_ref': 'v_ref',
+        'edges': rules.frame.edges,
+        'obstacles': (rules.frame.disc,) * obstacles,
+    }
+    return SymbolicOcp(
+        name=name,
+        state=kind.state,
+        template=kind.stage(**ocp.common_template(circles, rules), **shared, **dict(kind.template)),
+        scale_x=kind.scale_x,
+        rates=kind.rates,
+        terms=rules.terms,
+        quantities=partial(kind.quantities, rules=rules),
+        constraints=kind.constraints,
+    )
 
 
 def find(name: str) -> type[Formulation]:

@@ -5,7 +5,7 @@ control", IEEE T-IV 2019, as far as it is public; docs/paper.md gives the source
 Inputs, prediction model and limits are those of the paper's MPCC.
 """
 
-from functools import cache, partial
+from collections import namedtuple
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -16,24 +16,16 @@ from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import frenet_frame, reference_path
 from mpcc_controller.path.arc import Arc
-from mpcc_controller.path.distance import Edges
 from mpcc_controller.path.frenet_frame import FrenetPoint
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import cost_terms, ocp, stage_parameters
 from mpcc_controller.problem.cost_terms import StageQuantities
 from mpcc_controller.problem.distance_frame import FRENET
 from mpcc_controller.problem.formulation import Formulation
-from mpcc_controller.problem.ocp import (
-    Constraints,
-    Rules,
-    SafetyDistance,
-    SymbolicOcp,
-    VehicleCircles,
-)
-from mpcc_controller.problem.stage_parameters import Scene, StageParameters
+from mpcc_controller.problem.ocp import Constraints, Rules
+from mpcc_controller.problem.stage_parameters import CONSTANTS, Scene, StageParameters
 from stage_solver.stage_problem import Plan
 
-LENGTH_ROUNDING = 1e-4  # m^2; 1 cm, keeps the distance to the centre of the track differentiable
 MIN_STEP_M = 1e-3  # of path in a step; below it the curvature is that of the point
 
 
@@ -54,19 +46,9 @@ class FrenetState(NamedTuple):
 SCALE_X = FrenetState(s=1, e=1, dpsi=1, vx=1, vy=1, r=1, delta=1, Fx=1e3)
 
 
-class FrenetStage(NamedTuple):
-    """The parameters of one stage."""
-
-    car: Car
-    weights: Any  # of the cost terms, by name
-    D_sft: SafetyDistance
-    body: VehicleCircles
-    envelope: Any  # shares at which the soft limits begin, by name; of the terms in the problem
-    least_speed: Any  # m/s
-    kappa: Any  # 1/m, mean curvature of the path over the step, left positive
-    v_ref: Any  # m/s
-    edges: Edges  # of FrenetEdge
-    obstacles: tuple  # of FrenetDisc
+# The parameters of one stage, as those of `mpcc_formulation.Stage`. kappa [1/m]: mean curvature of
+# the path over the step, left positive
+FrenetStage = namedtuple('FrenetStage', (*CONSTANTS, 'kappa', 'v_ref', 'edges', 'obstacles'))
 
 
 class FrenetErrors(NamedTuple):
@@ -97,7 +79,7 @@ def constraints(x: FrenetState, u: Input, p: FrenetStage) -> Constraints:
     for offset in ocp.track_offsets(p.body):
         point = point_ahead(x, offset)
         left, right = (frenet_frame.edge_offset(edge, point.s) for edge in p.edges)
-        gap = ca.sqrt((point.e - (left + right) / 2) ** 2 + LENGTH_ROUNDING)
+        gap = ca.sqrt((point.e - (left + right) / 2) ** 2 + ocp.LENGTH_ROUNDING)
         beyond.append(gap - ((left - right) / 2 - p.body.edge_radius))
     return ocp.constraints(x, u, p, beyond)
 
@@ -105,28 +87,6 @@ def constraints(x: FrenetState, u: Input, p: FrenetStage) -> Constraints:
 def point_ahead(x: FrenetState, offset) -> FrenetPoint:
     """Return the point of the car `offset` [m] ahead of the CoG."""
     return FrenetPoint(x.s + offset * ca.cos(x.dpsi), x.e + offset * ca.sin(x.dpsi))
-
-
-@cache
-def symbolic_ocp(circles: int, obstacles: int, rules: Rules) -> SymbolicOcp:
-    """Return the formulation for vehicle circles and obstacles of the given numbers."""
-    template = FrenetStage(
-        **ocp.common_template(circles, rules),
-        kappa='kappa',
-        v_ref='v_ref',
-        edges=FRENET.edges,
-        obstacles=(FRENET.disc,) * obstacles,
-    )
-    return SymbolicOcp(
-        name='frenet',
-        state=FrenetState,
-        template=template,
-        scale_x=SCALE_X,
-        rates=rates,
-        terms=rules.terms,
-        quantities=partial(quantities, rules=rules),
-        constraints=constraints,
-    )
 
 
 def mean_curvatures(arcs: Arc) -> np.ndarray:
@@ -144,6 +104,9 @@ def mean_curvatures(arcs: Arc) -> np.ndarray:
 class FrenetFormulation(Formulation):
     """The baseline of Brown & Gerdes; see `formulation.Formulation`."""
 
+    state, scale_x, stage = FrenetState, SCALE_X, FrenetStage
+    template = (('kappa', 'kappa'),)
+    rates, quantities, constraints = map(staticmethod, (rates, quantities, constraints))
     tuned_weights = (*cost_terms.TUNED, 'tolerances.heading_rad')
     distances = ('path',)
     has_lag = False
@@ -153,7 +116,6 @@ class FrenetFormulation(Formulation):
 
     def __init__(self, params: ControllerParams, car: Car):
         super().__init__(params, car, FRENET)
-        self.ocp = symbolic_ocp(*self.size, self.rules)
 
     def stage_parameters(
         self, scene: Scene, guess: np.ndarray, car: Car | None = None

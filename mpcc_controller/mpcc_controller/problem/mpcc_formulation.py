@@ -5,8 +5,7 @@ And trajectory tracking, which differs from it in the reference only.
 Everything that may change while driving is a number in `Stage`; the graph is built once.
 """
 
-from collections.abc import Callable, Sequence
-from functools import cache, partial
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -22,18 +21,12 @@ from mpcc_controller.problem import cost_terms, ocp, stage_parameters
 from mpcc_controller.problem.cost_terms import CostTerm, StageQuantities
 from mpcc_controller.problem.distance_frame import FRAMES
 from mpcc_controller.problem.formulation import Formulation
-from mpcc_controller.problem.ocp import (
-    Constraints,
-    Rules,
-    SafetyDistance,
-    SymbolicOcp,
-    VehicleCircles,
-)
+from mpcc_controller.problem.ocp import Constraints, Rules, SafetyDistance, VehicleCircles
 from mpcc_controller.problem.stage_parameters import Scene, StageParameters
 
 # The solver's units: forces in kN, everything else in SI
 SCALE_X = State(X=1, Y=1, psi=1, vx=1, vy=1, r=1, theta=1, delta=1, Fx=1e3)
-LENGTH_ROUNDING = 1e-4  # m^2; 1 cm, keeps the distance to the centre of the track differentiable
+ARC = Arc(*Arc._fields)  # without meaning
 LEAST_EDGE_M = 0.05  # D_sft,E on the narrowest road
 
 
@@ -76,50 +69,30 @@ def constraints(x: State, u: Input, p: Stage) -> Constraints:
     for offset in ocp.track_offsets(p.body):
         point, centre = distance.circle(x, offset, 0.0), arc.pose_at(p.centre, x.theta + offset)
         square = (point.X - centre.X) ** 2 + (point.Y - centre.Y) ** 2
-        beyond.append(ca.sqrt(square + LENGTH_ROUNDING) - room)
+        beyond.append(ca.sqrt(square + ocp.LENGTH_ROUNDING) - room)
     return ocp.constraints(x, u, p, beyond)
-
-
-@cache
-def symbolic_ocp(
-    circles: int, obstacles: int, rules: Rules, name: str, quantities: Callable
-) -> SymbolicOcp:
-    """Return the formulation for vehicle circles and obstacles of the given numbers."""
-    template = Stage(
-        **ocp.common_template(circles, rules),
-        path=Arc(*Arc._fields),
-        v_ref='v_ref',
-        centre=Arc(*Arc._fields),
-        half_width='half_width',
-        edges=rules.frame.edges,
-        obstacles=(rules.frame.disc,) * obstacles,
-    )
-    return SymbolicOcp(
-        name=name,
-        state=State,
-        template=template,
-        scale_x=SCALE_X,
-        rates=lambda x, u, p: single_track.derivative(x, u, p.car),
-        terms=rules.terms,
-        quantities=partial(quantities, rules=rules),
-        constraints=constraints,
-    )
 
 
 class MpccFormulation(Formulation):
     """The paper's MPCC; see `formulation.Formulation`."""
 
+    state, scale_x, stage = State, SCALE_X, Stage
+    template = (('path', ARC), ('centre', ARC), ('half_width', 'half_width'))
+    quantities, constraints = staticmethod(quantities), staticmethod(constraints)
     tuned_weights = (*cost_terms.TUNED, 'tolerances.lag_m')
     distances = tuple(FRAMES)
     has_lag = True
     has_track_centre = True
     integrates_theta = True
     terms: Sequence[CostTerm] = cost_terms.MPCC
-    quantities = staticmethod(quantities)
 
     def __init__(self, params: ControllerParams, car: Car):
         super().__init__(params, car, FRAMES[params.formulation.distance])
-        self.ocp = symbolic_ocp(*self.size, self.rules, params.formulation.name, self.quantities)
+
+    @staticmethod
+    def rates(x: State, u: Input, p: Stage) -> State:
+        """Return dx/dt (paper, eq. 1)."""
+        return single_track.derivative(x, u, p.car)
 
     def stage_parameters(
         self, scene: Scene, guess: np.ndarray, car: Car | None = None

@@ -21,6 +21,7 @@ from stage_solver import stage_problem
 from stage_solver.compiled_functions import BufferedFunction
 from stage_solver.stage_problem import MAX_CACHED_PROBLEMS, Plan
 
+LENGTH_ROUNDING = 1e-4  # m^2; 1 cm, keeps the distance to the centre of the track differentiable
 # The solver's units of the inputs: forces in kN, everything else in SI
 SCALE_U = Input(d_delta=1, d_Fx=1e4, lambda_b=1, slack=1)
 
