@@ -147,29 +147,14 @@ def test_refreshing_ends_with_the_time_of_the_solver(world, limit_s, solves):
     controller = Controller(*world.load(**changes), True, clock)
     world.set_inputs(controller, world.lane_change(v=12.0))
     solver = world.ModifiedSolver(controller.parts.solvers.followed, clock=clock, takes_s=0.015)
-    solver.limits = []
-    solver.set_time_limit = solver.limits.append
     controller.parts.solvers.followed = solver
     controller.step(TickInputs(world.rolling(v=24.0, X=30.0)))
     assert min(len(solver.solutions), 2) == solves
-    assert solver.limits[-1:] == ([limit_s] if solves > 1 else [])
-
-
-def test_an_error_in_a_refresh_gives_the_solver_its_time_back(world):
-    def fail(solution):
-        raise ArithmeticError
-
-    controller = Controller(*world.load(surroundings__arcs='refreshed'), True, world.Clock())
-    world.set_inputs(controller, world.lane_change(v=12.0))
-    solver = world.ModifiedSolver(controller.parts.solvers.followed)
-    solver.modify = lambda solution: fail(solution) if solver.limits else solution
-    solver.limits = []
-    solver.set_time_limit = solver.limits.append
-    controller.parts.solvers.followed = solver
-    controller.step(TickInputs(world.rolling(v=24.0, X=30.0)))
-    limit_s = controller.parts.params.solver.time_limit_s
-    assert len(solver.limits) == 2
-    assert solver.limits[-1] == limit_s
+    left = pytest.approx([limit_s - 0.015 * k for k in range(len(solver.solutions))])
+    assert solver.limits_s == left
+    # the next tick has the whole time again
+    controller.step(TickInputs(world.rolling(v=24.0, X=31.0, stamp_ns=TICK_NS)))
+    assert solver.limits_s[len(left.expected)] == limit_s
 
 
 # the brake split
