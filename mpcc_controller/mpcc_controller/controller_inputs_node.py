@@ -149,7 +149,7 @@ class ControllerInputs:
         Of a car that publishes none: where the last command put them, at the start at rest.
         """
         if self.actuators is None:
-            last = self._controller.last_command
+            last = self._controller.memory.last
             return Actuators(last.stamp_ns, last.delta, 0.0, last.Fxf, last.Fxr, NO_TORQUES)
         actuators = self._read_actuators('waiting for valid ones to start from')
         if actuators is None:
