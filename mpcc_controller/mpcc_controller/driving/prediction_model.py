@@ -22,7 +22,7 @@ from mpcc_controller.problem.ocp import PlanEvaluator
 from mpcc_controller.problem.stage_parameters import Scene, StageParameters
 from stage_solver.compiled_functions import BufferedFunction
 from stage_solver.solution import ONE_STEP, Solution
-from stage_solver.stage_problem import Bounds, Plan
+from stage_solver.stage_problem import Bounds, Plan, shift
 
 CHECKED = 1024  # problems that a process remembers as checked: those of a sweep
 BRAKING_PROBE = 1.15  # friction that braking uses over the one that is believed
@@ -87,7 +87,7 @@ class PredictionModel:
 
     def shift_to(self, plan: Plan, x0: State, car: Car) -> Plan:
         """Return a plan one tick later, starting at the measured state `x0`."""
-        return guesses.shift_to(plan, self.step, car, x0)
+        return guesses.start_at(shift(plan, self.step, np.array(car)), x0)
 
     def build_problem(
         self, x0: State, scene: Scene, guess: Plan, car: Car, sliding: bool = False
