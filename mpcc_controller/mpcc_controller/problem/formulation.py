@@ -12,12 +12,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mpcc_controller.model import single_track
-from mpcc_controller.model.single_track import Car
+from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import FORMULATIONS, INTEGRATED, PROJECTED, ControllerParams
+from mpcc_controller.path import reference_path
+from mpcc_controller.path.arc import Arc
 from mpcc_controller.path.reference_path import ReferencePath
-from mpcc_controller.problem import cost_terms, ocp, stage_parameters
+from mpcc_controller.problem import cost_terms, stage_parameters
 from mpcc_controller.problem.cost_terms import CostTerm
-from mpcc_controller.problem.distance_frame import DistanceFrame
+from mpcc_controller.problem.distance_frame import FRAMES
 from mpcc_controller.problem.ocp import Rules, SafetyDistance, SymbolicOcp, VehicleCircles
 from mpcc_controller.problem.stage_parameters import CONSTANTS, Scene, StageParameters
 from node_runtime.parameters import ParameterError
@@ -45,10 +47,10 @@ class Formulation:
     has_track_centre: ClassVar[bool]  # whether the track is arcs around the centre of the road
     terms: ClassVar[Sequence[CostTerm]]
 
-    def __init__(self, params: ControllerParams, car: Car, frame: DistanceFrame):
+    def __init__(self, params: ControllerParams, car: Car):
+        self.car, frame = car, FRAMES[params.formulation.distance]
         priority = cost_terms.PRIORITIES[params.formulation.priority]
         terms = cost_terms.in_use(self.terms, params)
-        self.car = car
         self.rules = Rules(frame, priority, terms, single_track.structure(car))
         size = len(params.body.circle_offsets_m), params.surroundings.max_obstacles
         self.ocp = symbolic_ocp(type(self), params.formulation.name, *size, self.rules)
@@ -69,19 +71,35 @@ class Formulation:
         self.constants = dict(zip(CONSTANTS, values, strict=True))
         self.constant_numbers = stage_parameters.constant_numbers(values)
 
-    def on_road(self, car: Car | None) -> tuple[dict[str, Any], np.ndarray]:
-        """Return constants and their numbers with another car, as on a road of other friction."""
-        if car is None or car is self.car:
-            return self.constants, self.constant_numbers
-        numbers = np.concatenate((car, self.constant_numbers[len(car) :]))
-        return self.constants | {'car': car}, numbers
-
     def stage_parameters(
         self, scene: Scene, guess: np.ndarray, car: Car | None = None
     ) -> StageParameters:
         """Return the parameters of every stage around guessed states in the map (N + 1, 9).
 
         `car` is `self.car` with the friction that is believed now; None: with its own.
+        """
+        values, numbers = self.constants, self.constant_numbers
+        if car is not None and car is not self.car:
+            values = values | {'car': car}
+            numbers = np.concatenate((car, numbers[len(car) :]))
+        frame, x = self.rules.frame, self.place(scene.path, State(*guess.T))
+        arcs, v_ref = reference_path.arcs_at(scene.path, x.theta)
+        window = self.params.surroundings.edge_window_m
+        slots, obstacles = stage_parameters.obstacle_slots(self.params, frame, scene, x)
+        values = values | {'edges': frame.road(scene.road, arcs, x, window), 'obstacles': slots}
+        stages = self.stage(**values | self.own_parameters(scene, x, arcs, v_ref))
+        return stage_parameters.to_matrix(stages, obstacles, len(guess), numbers)
+
+    def place(self, path: ReferencePath, x: State) -> State:
+        """Return guessed states with theta where the parameters of the stages are taken."""
+        return x
+
+    def own_parameters(
+        self, scene: Scene, x: State, arcs: Arc, v_ref: np.ndarray
+    ) -> dict[str, Any]:
+        """Return the parameters of `stage` that differ between formulations, by name.
+
+        `arcs` and the desired speeds `v_ref` [m/s] are those of the path at theta of `x`.
         """
         raise NotImplementedError
 
@@ -99,15 +117,23 @@ def symbolic_ocp(
     kind: type[Formulation], name: str, circles: int, obstacles: int, rules: Rules
 ) -> SymbolicOcp:
     """Return a formulation in symbols for vehicle circles and obstacles of the given numbers."""
-    shared = {
-        'v_ref': 'v_ref',
-        'edges': rules.frame.edges,
-        'obstacles': (rules.frame.disc,) * obstacles,
-    }
+    weights, shares = cost_terms.weights_type(rules.terms), cost_terms.limits_type(rules.terms)
+    template = kind.stage(
+        car=rules.car,
+        weights=weights(*weights._fields),
+        D_sft=SafetyDistance(*SafetyDistance._fields),
+        body=VehicleCircles('radius', ('offset',) * circles, 'edge_radius'),
+        envelope=shares(*shares._fields),
+        least_speed='least_speed',
+        v_ref='v_ref',
+        edges=rules.frame.edges,
+        obstacles=(rules.frame.disc,) * obstacles,
+        **dict(kind.template),
+    )
     return SymbolicOcp(
         name=name,
         state=kind.state,
-        template=kind.stage(**ocp.common_template(circles, rules), **shared, **dict(kind.template)),
+        template=template,
         scale_x=kind.scale_x,
         rates=kind.rates,
         terms=rules.terms,

@@ -12,18 +12,16 @@ import casadi as ca
 import numpy as np
 
 from mpcc_controller.model import single_track
-from mpcc_controller.model.single_track import Car, Input, State
-from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.path import frenet_frame, reference_path
+from mpcc_controller.model.single_track import Input, State
+from mpcc_controller.path import frenet_frame
 from mpcc_controller.path.arc import Arc
 from mpcc_controller.path.frenet_frame import FrenetPoint
 from mpcc_controller.path.reference_path import ReferencePath
-from mpcc_controller.problem import cost_terms, ocp, stage_parameters
+from mpcc_controller.problem import cost_terms, ocp
 from mpcc_controller.problem.cost_terms import StageQuantities
-from mpcc_controller.problem.distance_frame import FRENET
 from mpcc_controller.problem.formulation import Formulation
 from mpcc_controller.problem.ocp import Constraints, Rules
-from mpcc_controller.problem.stage_parameters import CONSTANTS, Scene, StageParameters
+from mpcc_controller.problem.stage_parameters import CONSTANTS, Scene
 from stage_solver.stage_problem import Plan
 
 MIN_STEP_M = 1e-3  # of path in a step; below it the curvature is that of the point
@@ -114,29 +112,15 @@ class FrenetFormulation(Formulation):
     has_track_centre = False
     terms = cost_terms.FRENET
 
-    def __init__(self, params: ControllerParams, car: Car):
-        super().__init__(params, car, FRENET)
+    def place(self, path: ReferencePath, x: State) -> State:
+        """Return guessed states with theta of their feet on the path."""
+        return x._replace(theta=frenet_frame.refine(path, x.X, x.Y, x.theta).s)
 
-    def stage_parameters(
-        self, scene: Scene, guess: np.ndarray, car: Car | None = None
-    ) -> StageParameters:
-        """Return the parameters of every stage around guessed states in the map (N + 1, 9)."""
-        constants, numbers = self.on_road(car)
-        params = self.params
-        x = State(*guess.T)
-        s = frenet_frame.refine(scene.path, x.X, x.Y, x.theta).s
-        x = x._replace(theta=s)
-        arcs, v_ref = reference_path.arcs_at(scene.path, s)
-        window = params.surroundings.edge_window_m
-        slots, obstacles = stage_parameters.obstacle_slots(params, FRENET, scene, x)
-        stages = FrenetStage(
-            **constants,
-            kappa=mean_curvatures(arcs),
-            v_ref=v_ref,
-            edges=FRENET.road(scene.road, arcs, x, window),
-            obstacles=slots,
-        )
-        return stage_parameters.to_matrix(stages, obstacles, len(guess), numbers)
+    def own_parameters(
+        self, scene: Scene, x: State, arcs: Arc, v_ref: np.ndarray
+    ) -> dict[str, Any]:
+        """Return the parameters that only these stages have; see `formulation.Formulation`."""
+        return {'kappa': mean_curvatures(arcs), 'v_ref': v_ref}
 
     def to_local(self, plan: Plan, path: ReferencePath) -> Plan:
         """Return a plan in the map (N + 1, 9) in path coordinates (N + 1, 8)."""

@@ -13,16 +13,15 @@ import numpy as np
 
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
-from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import arc, distance, reference_path, road_edges
 from mpcc_controller.path.arc import Arc, Pose
 from mpcc_controller.path.reference_path import ReferencePath
-from mpcc_controller.problem import cost_terms, ocp, stage_parameters
+from mpcc_controller.problem import cost_terms, ocp
 from mpcc_controller.problem.cost_terms import CostTerm, StageQuantities
 from mpcc_controller.problem.distance_frame import FRAMES
 from mpcc_controller.problem.formulation import Formulation
 from mpcc_controller.problem.ocp import Constraints, Rules, SafetyDistance, VehicleCircles
-from mpcc_controller.problem.stage_parameters import Scene, StageParameters
+from mpcc_controller.problem.stage_parameters import Scene
 
 # The solver's units: forces in kN, everything else in SI
 SCALE_X = State(X=1, Y=1, psi=1, vx=1, vy=1, r=1, theta=1, delta=1, Fx=1e3)
@@ -86,45 +85,28 @@ class MpccFormulation(Formulation):
     integrates_theta = True
     terms: Sequence[CostTerm] = cost_terms.MPCC
 
-    def __init__(self, params: ControllerParams, car: Car):
-        super().__init__(params, car, FRAMES[params.formulation.distance])
-
     @staticmethod
     def rates(x: State, u: Input, p: Stage) -> State:
         """Return dx/dt (paper, eq. 1)."""
         return single_track.derivative(x, u, p.car)
 
-    def stage_parameters(
-        self, scene: Scene, guess: np.ndarray, car: Car | None = None
-    ) -> StageParameters:
-        """Return the parameters of every stage around guessed states in the map (N + 1, 9)."""
-        constants, numbers = self.on_road(car)
-        params, frame = self.params, self.rules.frame
-        x = State(*guess.T)
-        arcs, _ = reference_path.arcs_at(scene.path, x.theta)
-        reference, v_ref = self.reference(scene.path, x)
-        window = params.surroundings.edge_window_m
-        aligned = bool(params.surroundings.align_track)
+    def own_parameters(
+        self, scene: Scene, x: State, arcs: Arc, v_ref: np.ndarray
+    ) -> dict[str, Any]:
+        """Return the parameters that only these stages have; see `formulation.Formulation`."""
+        window = self.params.surroundings.edge_window_m
+        aligned = bool(self.params.surroundings.align_track)
         track = road_edges.track_beside(scene.road, arcs, window, aligned)
-        slots, obstacles = stage_parameters.obstacle_slots(params, frame, scene, x)
-        if params.safety.fit_edges:
+        reference, v_ref = self.reference(scene.path, x)
+        own = {'path': reference, 'v_ref': v_ref, **track._asdict()}
+        if self.params.safety.fit_edges:
             # where the road is narrow, at most the room beside a car in the middle: a distance that
             # no line keeps would cost wherever the car drives, and to stand before the passage
             # would be cheaper
-            room = track.half_width - constants['body'].edge_radius
-            D_sft = constants['D_sft']
-            edge = np.clip(room, LEAST_EDGE_M, D_sft.e)
-            constants = constants | {'D_sft': D_sft._replace(e=edge)}
-        stages = Stage(
-            **constants,
-            path=reference,
-            v_ref=v_ref,
-            centre=track.centre,
-            half_width=track.half_width,
-            edges=frame.road(scene.road, arcs, x, window),
-            obstacles=slots,
-        )
-        return stage_parameters.to_matrix(stages, obstacles, len(guess), numbers)
+            room = track.half_width - self.constants['body'].edge_radius
+            D_sft = self.constants['D_sft']
+            own['D_sft'] = D_sft._replace(e=np.clip(room, LEAST_EDGE_M, D_sft.e))
+        return own
 
     def reference(self, path: ReferencePath, x: State) -> tuple[Arc, np.ndarray]:
         """Return the arcs of the path and the desired speeds [m/s] of the guessed states `x`."""
