@@ -15,7 +15,7 @@ from mpcc_controller.controller_inputs_node import ACTUATORS, ControllerInputs
 from mpcc_controller.driving import trigger
 from mpcc_controller.driving.actuator_monitor import FAULT
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.records import Arrival, TickInputs, unknown_state
+from mpcc_controller.driving.records import TickInputs, unknown_state
 from mpcc_controller.driving.tick import TOO_SLOW
 from mpcc_controller.driving.tick_report import LEFT_OUT, OK
 from mpcc_controller.driving.watchdog import STATE_STALE, Watchdog
@@ -201,12 +201,12 @@ class ControllerNode(ManagedNode):
     def step(self):
         """Answer the state with a command, then report why."""
         x, actuators = self.inputs.decode_state(), self.inputs.measured_actuators()
-        now_ns = self.wall.now_ns()
-        received_ns = self.inputs.received_ns
-        arrival = Arrival(received_ns, conversions.ns_to_s(time.time_ns() - received_ns))
+        now_ns, received_ns = self.wall.now_ns(), self.inputs.received_ns
+        wait_s = conversions.ns_to_s(time.time_ns() - received_ns)
         fault = self.watchdog.fault(now_ns)
         age_s = self.trigger.age_s(now_ns)
-        self.answer(TickInputs(x, age_s, fault, arrival, None, self.publish_s, actuators))
+        known = {'received_ns': received_ns, 'wait_s': wait_s, 'publish_s': self.publish_s}
+        self.answer(TickInputs(x, age_s, fault, actuators=actuators, **known))
 
     def answer(self, inputs):
         """Publish the command first; explain it and prepare the next step after that."""

@@ -104,9 +104,9 @@ class TickReporter:
             values['time.publish_ms'] = 1e3 * inputs.publish_s
         if record.prepared_s is not None:
             values['time.ahead_ms'] = 1e3 * record.prepared_s
-        if inputs.arrival is not None:
-            values['time.heard_ns'] = inputs.arrival.received_ns
-            values['time.wait_ms'] = 1e3 * inputs.arrival.wait_s
+        if inputs.received_ns is not None:
+            values['time.heard_ns'] = inputs.received_ns
+            values['time.wait_ms'] = 1e3 * inputs.wait_s
         return values | {REPORTED + name: value for name, value in self.changes.items()}
 
     def _plan_values(self, record: TickRecord) -> dict:
