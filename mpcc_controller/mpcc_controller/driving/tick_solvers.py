@@ -152,8 +152,7 @@ class TickSolvers:
             is_late = self.limit_time and self._remaining_s(began) <= 0
             if np.max(moved) <= REFRESH_FROM_M or is_late:
                 break
-            if self.limit_time:
-                chosen.set_time_limit(self._remaining_s(began))
+            self._limit(chosen, began)
             again = self.prediction.build_problem(
                 problem.x0, problem.scene, first.plan, problem.car, problem.sliding
             )
@@ -173,14 +172,9 @@ class TickSolvers:
         return self.sliding if problem.sliding and self.sliding else self.followed
 
     def _limit(self, solver: StageSolver, began: float) -> None:
-        """Let a solver stop where the time of its tick ends.
-
-        The paper's controller does not share that time: its solver has all of it.
-        """
+        """Let a solver stop where the time of its tick ends."""
         if self.limit_time:
-            is_shared = self.parallel or self.sliding
-            limit_s = self.prediction.params.solver.time_limit_s
-            solver.set_time_limit(self._remaining_s(began) if is_shared else limit_s)
+            solver.set_time_limit(self._remaining_s(began))
 
     def _remaining_s(self, began: float) -> float:
         limit_s = self.prediction.params.solver.time_limit_s
