@@ -12,7 +12,7 @@ from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.driving.ways import Profile, RoadAhead
 from mpcc_controller.model.single_track import GRAVITY, Car, Input, State, ideal_split
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.path import arc, reference_path
+from mpcc_controller.path import arc, frenet_frame, reference_path
 from mpcc_controller.path.reference_path import ReferencePath
 from stage_solver.stage_problem import Plan
 
@@ -33,10 +33,11 @@ def from_path(path: ReferencePath, x0: State, car: Car, horizon: int, dt: float)
     start = arc.Pose(*(field[0] for field in arc.pose_at(arcs, theta)))
     offset = arc.contouring_error(start, x0.X, x0.Y) * (1 - t / t[-1])
     zeros = np.zeros_like(t)
+    X, Y, psi = frenet_frame.offset_left(arcs, offset)
     states = State(
-        X=arcs.X - offset * np.sin(arcs.psi),
-        Y=arcs.Y + offset * np.cos(arcs.psi),
-        psi=arcs.psi,
+        X=X,
+        Y=Y,
+        psi=psi,
         vx=zeros + x0.vx,
         vy=zeros,
         r=x0.vx * arcs.kappa,
@@ -108,8 +109,7 @@ def along_profile(
         e[later] = here + tau * (slope + tau**2 * (cubic + tau * (quartic + tau * quintic)))
         time, here, rate = max(leave, time + T), target, 0.0
     arcs = around.arcs
-    X = arcs.X - e * np.sin(arcs.psi)
-    Y = arcs.Y + e * np.cos(arcs.psi)
+    X, Y, _ = frenet_frame.offset_left(arcs, e)
     along = np.maximum(around.vx, SLOW) * (1 - arcs.kappa * e)
     course = arcs.psi + np.arctan2(np.gradient(e, t), along)
     force = car.m * np.gradient(around.vx, params.model.step_s)

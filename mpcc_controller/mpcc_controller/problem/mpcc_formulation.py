@@ -14,7 +14,7 @@ import numpy as np
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.path import arc, distance, reference_path, road_edges
-from mpcc_controller.path.arc import Arc, Pose
+from mpcc_controller.path.arc import Arc
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import cost_terms, ocp
 from mpcc_controller.problem.cost_terms import CostTerm, StageQuantities
@@ -115,10 +115,10 @@ class MpccFormulation(Formulation):
 
 def tracking_quantities(x: State, u: Input | None, p: Stage, rules: Rules) -> StageQuantities:
     """Return what the squared errors are computed from; errors are those to the moving point."""
-    pose = Pose(p.path.X, p.path.Y, p.path.psi)
-    errors = TrackingErrors(arc.contouring_error(pose, x.X, x.Y), arc.lag_error(pose, x.X, x.Y))
+    point = p.path
+    errors = TrackingErrors(arc.contouring_error(point, x.X, x.Y), arc.lag_error(point, x.X, x.Y))
     moving = quantities(x, u, p, rules)
-    return moving._replace(tracking=errors, heading_error=x.psi - pose.psi)
+    return moving._replace(tracking=errors, heading_error=x.psi - point.psi)
 
 
 class TrackingFormulation(MpccFormulation):

@@ -13,7 +13,7 @@ import numpy as np
 
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.path import reference_path, road_edges
+from mpcc_controller.path import frenet_frame, reference_path, road_edges
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import ocp
 from mpcc_controller.problem.cost_terms import CostTermError
@@ -184,9 +184,7 @@ def _samples(params: ControllerParams, path: ReferencePath) -> tuple[np.ndarray,
     random = np.random.default_rng(0).uniform(lowest, highest, (RANDOM_STATES, len(names)))
     quantities = dict(zip(names, np.vstack((at_rest[None], alone, random)).T))
     arcs, _ = reference_path.arcs_at(path, quantities['theta'])
-    beside = quantities['beside']
-    quantities['X'] = arcs.X - beside * np.sin(arcs.psi)
-    quantities['Y'] = arcs.Y + beside * np.cos(arcs.psi)
+    quantities['X'], quantities['Y'], _ = frenet_frame.offset_left(arcs, quantities['beside'])
     quantities['psi'] = quantities['psi'] + arcs.psi
     states, inputs = ([quantities[name] for name in kind._fields] for kind in (State, Input))
     return np.column_stack(states), np.column_stack(inputs)
