@@ -16,7 +16,7 @@ from mpcc_controller.path import reference_path
 from msgs_yaml.types import Obstacle
 from stage_solver.reference_solvers import ReferenceSolver
 from stage_solver.solver import StageSolver
-from stage_solver.stage_problem import Bounds, Plan, StageProblem
+from stage_solver.stage_problem import Bounds, Plan, StageProblem, shift
 
 RECORDING_SOLVER = 'fatrop'  # its plans are driven
 POP_UP_EVERY = 6  # ticks
@@ -135,7 +135,7 @@ def tasks(
         P, start, moved_on = posed.cold_P, posed.cold, None
         if plans.plan is not None:
             state = State(*posed.x0)
-            moved_on = guesses.shift_to(plans.plan, problem.dynamics, before.P[-1], state)
+            moved_on = guesses.start_at(shift(plans.plan, problem.dynamics, before.P[-1]), state)
         if plans.is_warm(rules):
             P, start = posed.P, moved_on
             if plans.failures:  # as the controller does after a failure

@@ -3,14 +3,16 @@
 import dataclasses
 from collections.abc import Mapping
 
-from mpcc_controller.parameters import CarActuators, CarParams, ControllerParams
+from mpcc_controller.parameters import CarActuators, CarParams, ControllerParams, Limits
 from node_runtime import node_parameters, parameters
 from node_runtime.node_parameters import NO_SOURCES
 from node_runtime.parameters import ParameterError
 
 # limits of the controller and of the actuators with the same name and unit
 SHARED_LIMITS = ('steer_rad', 'steer_rate_radps', 'brake_n', 'drive_n', 'force_rate_nps')
-LEAST_SHARE = 0.5  # of what the car can do: what a limit that an emergency needs is at least
+EMERGENCY_LIMITS = ('steer_rad', 'steer_rate_radps', 'brake_n', 'force_rate_nps', 'friction_use')
+# of what the car can do, or of the value at the start: what each of these is at least
+LEAST_SHARE = 0.5
 FULL_BRAKING_S = 1.0  # until the brakes have their largest force, at most
 
 
@@ -72,24 +74,30 @@ def check_emergency_limits(
     Gate, braking without a plan and changes while the controller drives start from these limits.
     `sources` is that of `check_limits`.
     """
-    actuators = vehicle.actuators
-    limits = {
+    share, actuators = LEAST_SHARE, vehicle.actuators
+    least = {
         name: (
-            LEAST_SHARE * getattr(actuators, name),
-            f'{LEAST_SHARE:g} of what the car can do (actuators.{name})',
+            share * getattr(actuators, name),
+            f'{share:g} of what the car can do (actuators.{name})',
         )
-        for name in ('steer_rad', 'steer_rate_radps', 'brake_n', 'force_rate_nps')
+        for name in EMERGENCY_LIMITS[:-1]
     }
     full_braking = (
         actuators.brake_n / FULL_BRAKING_S,
         f'with which the brakes (actuators.brake_n) reach their largest force in '
         f'{FULL_BRAKING_S:g} s',
     )
-    limits['force_rate_nps'] = min(limits['force_rate_nps'], full_braking)
-    limits['friction_use'] = (LEAST_SHARE, 'of the friction that the car has')
-    for name, (least, why) in limits.items():
-        key = f'limits.{name}'
-        value = getattr(params.limits, name)
-        if value < least:
+    least['force_rate_nps'] = min(least['force_rate_nps'], full_braking)
+    least['friction_use'] = (share, 'of the friction that the car has')
+    require(params.limits, least, sources)
+
+
+def require(
+    limits: Limits, least: Mapping[str, tuple[float, str]], sources: Mapping[str, str]
+) -> None:
+    """Raise ParameterError for a limit below its `least` value, which comes with its reason."""
+    for name, (allowed, why) in least.items():
+        key, value = f'limits.{name}', getattr(limits, name)
+        if value < allowed:
             source = f'{sources[key]}: ' if key in sources else ''
-            raise ParameterError(f'{source}{key}: is {value:g}; allowed from {least:g}, {why}')
+            raise ParameterError(f'{source}{key}: is {value:g}; allowed from {allowed:g}, {why}')

@@ -109,14 +109,14 @@ class ControllerInputs:
         if raw is not None:
             # after a message that cannot be read the next one follows within a millisecond
             with suppress(decode.DecodeError):
-                trigger.on_actuators(decode.stamp_ns_of(raw))
+                trigger.actuators = decode.stamp_ns_of(raw)
                 self.actuators = raw
         elif self.state is None or self.actuators or self.newest_actuators.has_publisher():
             self._alone_since_ns = None
         else:
             self._alone_since_ns = self._alone_since_ns or now_ns
             if now_ns - self._alone_since_ns > ALONE_NS:
-                trigger.on_actuators(trigger.state)
+                trigger.actuators = trigger.state
         if not trigger.waits_for_actuators:
             self._waits_since_ns = None
             return
@@ -149,7 +149,7 @@ class ControllerInputs:
         Of a car that publishes none: where the last command put them, at the start at rest.
         """
         if self.actuators is None:
-            last = self._controller.last_command
+            last = self._controller.memory.last
             return Actuators(last.stamp_ns, last.delta, 0.0, last.Fxf, last.Fxr, NO_TORQUES)
         actuators = self._read_actuators('waiting for valid ones to start from')
         if actuators is None:
@@ -234,7 +234,7 @@ class ControllerInputs:
 
     def _set_obstacles(self, obstacles: Obstacles) -> str:
         self._controller.set_obstacles(obstacles)
-        self._trigger.on_obstacles(obstacles.stamp_ns)
+        self._trigger.obstacles = obstacles.stamp_ns
         return ''
 
     def _use_new(self, name, decoder, setter, raw):

@@ -15,7 +15,7 @@ from mpcc_controller.controller_inputs_node import ACTUATORS, ControllerInputs
 from mpcc_controller.driving import trigger
 from mpcc_controller.driving.actuator_monitor import FAULT
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.records import Arrival, TickInputs, unknown_state
+from mpcc_controller.driving.records import TickInputs, unknown_state
 from mpcc_controller.driving.tick import TOO_SLOW
 from mpcc_controller.driving.tick_report import LEFT_OUT, OK
 from mpcc_controller.driving.watchdog import STATE_STALE, Watchdog
@@ -201,27 +201,18 @@ class ControllerNode(ManagedNode):
     def step(self):
         """Answer the state with a command, then report why."""
         x, actuators = self.inputs.decode_state(), self.inputs.measured_actuators()
-        now_ns = self.wall.now_ns()
-        received_ns = self.inputs.received_ns
-        arrival = Arrival(received_ns, conversions.ns_to_s(time.time_ns() - received_ns))
+        now_ns, received_ns = self.wall.now_ns(), self.inputs.received_ns
+        wait_s = conversions.ns_to_s(time.time_ns() - received_ns)
         fault = self.watchdog.fault(now_ns)
         age_s = self.trigger.age_s(now_ns)
-        self.answer(TickInputs(x, age_s, fault, arrival, None, self.publish_s, actuators))
-
-    def step_without_state(self, now_ns):
-        """Brake with a stamp of this node: no state arrives."""
-        try:
-            x = unknown_state(now_ns)
-            self.answer(TickInputs(x, fault=STATE_STALE, publish_s=self.publish_s))
-        except Exception as error:
-            self.brake(now_ns, error)
-        self.trigger.on_lost(now_ns)
+        known = {'received_ns': received_ns, 'wait_s': wait_s, 'publish_s': self.publish_s}
+        self.answer(TickInputs(x, age_s, fault, actuators=actuators, **known))
 
     def answer(self, inputs):
         """Publish the command first; explain it and prepare the next step after that."""
         record = self.controller.step(inputs)
         self.send(record.command)
-        self.try_to_explain(record)
+        self.explain(record)
 
     def brake(self, stamp_ns, error):
         """Note an exception, and brake in place of an answer to the state with this stamp, if any.
@@ -245,7 +236,7 @@ class ControllerNode(ManagedNode):
             self.note(another)
             self.trigger.on_lost(stamp_ns)
         else:
-            self.try_to_explain(record)
+            self.explain(record)
 
     def send(self, command):
         """Publish a command."""
@@ -265,35 +256,36 @@ class ControllerNode(ManagedNode):
         for line in self.controller.errors.take_new():
             self.get_logger().error(f'internal error, counted from now on: {line}')
 
-    def try_to_explain(self, record):
-        """Explain a command; the car needs the next one, too, whatever raises here."""
+    def explain(self, record):
+        """Publish why a command was chosen, and prepare the next step.
+
+        The car needs the next command, too, whatever raises here.
+        """
         try:
-            self.explain(record)
+            prediction, why = self.controller.report(record)
+            if len(prediction.X):
+                self.prediction_pub.publish(encode.prediction(prediction))
+            self.why_pub.publish(encode.why(why))
+            self.controller.prepare()
+            self.publish_health(self.watchdog.on_step(why))
+            limits, is_too_slow = self.controller.params.limits, why.values['reason'] == TOO_SLOW
+            stopping = in_force.stopping_text(limits) if is_too_slow else ''
+            if self.stopping_log.has_changed(stopping) and stopping:
+                self.get_logger().warning(stopping)
+            left_out = why.values.get(LEFT_OUT, 0)
+            if self.left_out_log.has_changed(str(left_out)) and left_out:
+                most = self.controller.params.surroundings.max_obstacles
+                text = (
+                    f'{left_out} obstacles are left out: max_obstacles is {most}, the closest count'
+                )
+                self.get_logger().warning(text)
+            if self.actuators_log.has_changed(why.values.get(FAULT, '')):
+                self.get_logger().warning(self.controller.memory.actuators.describe())
+            if why.level != OK:
+                self.get_logger().warning(why.message, throttle_duration_sec=THROTTLE_S)
         except Exception as error:
             self.note(error)
         self.log_errors()
-
-    def explain(self, record):
-        """Publish why the command of a step was chosen, and prepare the next step."""
-        prediction, why = self.controller.report(record)
-        if len(prediction.X):
-            self.prediction_pub.publish(encode.prediction(prediction))
-        self.why_pub.publish(encode.why(why))
-        self.controller.prepare()
-        self.publish_health(self.watchdog.on_step(why))
-        limits, is_too_slow = self.controller.params.limits, why.values['reason'] == TOO_SLOW
-        stopping = in_force.stopping_text(limits) if is_too_slow else ''
-        if self.stopping_log.has_changed(stopping) and stopping:
-            self.get_logger().warning(stopping)
-        left_out = why.values.get(LEFT_OUT, 0)
-        if self.left_out_log.has_changed(str(left_out)) and left_out:
-            most = self.controller.params.surroundings.max_obstacles
-            text = f'{left_out} obstacles are left out: max_obstacles is {most}, the closest count'
-            self.get_logger().warning(text)
-        if self.actuators_log.has_changed(why.values.get(FAULT, '')):
-            self.get_logger().warning(self.controller.memory.actuators.describe())
-        if why.level != OK:
-            self.get_logger().warning(why.message, throttle_duration_sec=THROTTLE_S)
 
     def publish_health(self, health):
         """Publish the health if there is one to report."""
@@ -331,7 +323,12 @@ class ControllerNode(ManagedNode):
                 self.get_logger().info(waiting)
             self.advance()
         elif self.has_lost_state(now_ns):
-            self.step_without_state(now_ns)
+            try:  # a stamp of this node
+                x = unknown_state(now_ns)
+                self.answer(TickInputs(x, fault=STATE_STALE, publish_s=self.publish_s))
+            except Exception as error:
+                self.brake(now_ns, error)
+            self.trigger.on_lost(now_ns)
         elif self.trigger.needs_actuators:  # they may arrive after the state
             self.advance()
 

@@ -9,13 +9,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from mpcc_controller import car_file
+from mpcc_controller.car_file import EMERGENCY_LIMITS, LEAST_SHARE
 from mpcc_controller.in_force import in_force
 from mpcc_controller.parameters import CarParams, ControllerParams, Limits
 from node_runtime import parameters
 from node_runtime.parameters import ParameterError
 
-LEAST_SHARE = 0.5  # of its value at the start: what a limit that an emergency needs keeps at least
-EMERGENCY_LIMITS = ('steer_rad', 'steer_rate_radps', 'brake_n', 'force_rate_nps', 'friction_use')
 GROUPS = ('tolerances', 'priorities', 'safety', 'envelope', 'limits')
 REPORTED = 'set.'  # before the name, in /controller/why
 SOURCE = 'set'  # in errors, in place of the file and line of a value
@@ -78,13 +77,9 @@ def check_effect(
 
 def check_emergency_limits(after: ControllerParams, start: Limits) -> None:
     """Raise ParameterError for a limit with which plans could hardly brake or swerve any more."""
-    for name in EMERGENCY_LIMITS:
-        value, least = getattr(after.limits, name), LEAST_SHARE * getattr(start, name)
-        if value < least:
-            raise ParameterError(
-                f'{SOURCE}: limits.{name}: is {value:g}; allowed from {least:g}, '
-                f'{LEAST_SHARE:g} of its value at the start'
-            )
+    why = f'{LEAST_SHARE:g} of its value at the start'
+    least = {name: (LEAST_SHARE * getattr(start, name), why) for name in EMERGENCY_LIMITS}
+    car_file.require(after.limits, least, {f'limits.{name}': SOURCE for name in least})
 
 
 def reported(values: Mapping[str, Any]) -> dict[str, float]:

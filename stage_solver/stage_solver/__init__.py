@@ -22,7 +22,6 @@ Inside:
     riccati_codegen      writes the C source of a solver, with expression_graph and vector_codegen
                          for the functions of the stages and their derivatives
     compiled_functions   CasADi functions as machine code, and calls without copies
-    validation           checks of the arguments of a solve
 
 CasADi, numpy and a C compiler are needed; each problem is compiled once per machine.
 """

@@ -11,7 +11,7 @@ import math
 import casadi as ca
 import numpy as np
 
-from stage_solver import riccati_codegen, validation
+from stage_solver import riccati_codegen, stage_problem
 from stage_solver.compiled_functions import FLAGS, BufferedFunction, compile_functions
 from stage_solver.solution import FAILED, SOLVED, STOPPED_EARLY, Solution, SolverOptions, Stopwatch
 from stage_solver.stage_problem import Bounds, Multipliers, Plan, StageProblem
@@ -58,9 +58,9 @@ class ReferenceSolver:
     def solve(self, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan) -> Solution:
         """Return the solution; the arguments are those of `StageSolver.solve`."""
         stopwatch = Stopwatch()
-        validation.check_shapes(self._problem, x0, P, bounds, guess)
+        stage_problem.check_shapes(self._problem, x0, P, bounds, guess)
         guess = Plan(np.vstack([x0, guess.X[1:]]), np.asarray(guess.U))
-        message = validation.find_invalid_argument(self._problem, x0, P, bounds, guess)
+        message = stage_problem.find_invalid_argument(self._problem, x0, P, bounds, guess)
         start = self._pack(guess.X, guess.U)
         f, g, _ = self._kkt(start, P.ravel(), np.zeros(self._kkt.numel_in(2)))
         if not message and not (np.isfinite(float(f)) and np.isfinite(g.full()).all()):

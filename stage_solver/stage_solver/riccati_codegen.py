@@ -59,18 +59,39 @@ def evaluate_last_stage(problem: StageProblem, x: ca.SX, p: ca.SX) -> tuple[ca.S
     return problem.terminal_cost(x, p), problem.terminal_constraints(x, p)
 
 
-def make_stage(problem: StageProblem) -> StageModel:
-    """Return the functions of stages 0..N-1."""
-    w, p = ca.SX.sym('w', problem.nu + problem.nx), ca.SX.sym('p', problem.np)
-    values = evaluate_stage(problem, w[problem.nu :], w[: problem.nu], p)
-    return _model('stage', w, p, *values)
+def make_stage(problem: StageProblem, last: bool = False) -> StageModel:
+    """Return the functions of stages 0..N-1, or of stage N.
 
+    At the last one w is the state alone, and there are no dynamics.
+    """
+    name, nu = ('last', 0) if last else ('stage', problem.nu)
+    w, p = ca.SX.sym('w', nu + problem.nx), ca.SX.sym('p', problem.np)
+    if last:
+        F, cost, g = ca.SX(0, 1), *evaluate_last_stage(problem, w, p)
+    else:
+        F, cost, g = evaluate_stage(problem, w[nu:], w[:nu], p)
+    F, cost, g = (ca.densify(ca.vec(v)) for v in (F, cost, g))
+    n, n_g = w.numel(), g.numel()
+    lam, y = ca.SX.sym('lam', F.numel()), ca.SX.sym('y', n_g)
+    sigma, push = ca.SX.sym('sigma', n + n_g), ca.SX.sym('push', n + n_g)
+    slope = ca.gradient(cost + ca.dot(lam, F) + ca.dot(y, g), w)
+    JF, Jg = ca.jacobian(F, w), ca.jacobian(g, w)
+    H = ca.jacobian(slope, w, {'symmetric': True})
+    H += ca.diag(sigma[:n]) + Jg.T @ ca.diag(sigma[n:]) @ Jg
+    q = ca.gradient(cost, w) + push[:n] + Jg.T @ push[n:]
+    inputs = {'w': w, 'p': p, 'lam': lam, 'y': y, 'sigma': sigma, 'push': push}
 
-def make_last_stage(problem: StageProblem) -> StageModel:
-    """Return the functions of stage N, where w is the state alone and there are no dynamics."""
-    w, p = ca.SX.sym('w', problem.nx), ca.SX.sym('p', problem.np)
-    values = evaluate_last_stage(problem, w, p)
-    return _model('last', w, p, ca.SX(0, 1), *values)
+    def function(kind, names_in, outputs):
+        arguments = [inputs[n] for n in names_in]
+        return ca.Function(f'{name}_{kind}', arguments, [*outputs.values()], names_in, [*outputs])
+
+    return StageModel(
+        values=function('values', ['w', 'p'], {'F': F, 'cost': cost, 'g': g}),
+        quadratic=function(
+            'quadratic', [*inputs], {'q': ca.densify(q), 'H': ca.triu(H), 'JF': JF, 'Jg': Jg}
+        ),
+        slope=function('slope', ['w', 'p', 'lam', 'y'], {'slope': ca.densify(slope)}),
+    )
 
 
 @lru_cache(MAX_CACHED_PROBLEMS)
@@ -79,7 +100,7 @@ def source(problem: StageProblem) -> str:
 
     The compiler needs -DW=..., the number of lanes of a vector.
     """
-    models = {'stage': make_stage(problem), 'last': make_last_stage(problem)}
+    models = {'stage': make_stage(problem), 'last': make_stage(problem, last=True)}
     strides = {'stage': 'LANES', 'last': 'W'}
     functions = []
     sizes = {
@@ -113,31 +134,6 @@ def source(problem: StageProblem) -> str:
 def template(name: str) -> str:
     """Return one of the problem-independent C files."""
     return resources.files('stage_solver').joinpath('riccati_c', name).read_text()
-
-
-def _model(name, w, p, F, cost, g):
-    F, cost, g = (ca.densify(ca.vec(v)) for v in (F, cost, g))
-    n, n_g = w.numel(), g.numel()
-    lam, y = ca.SX.sym('lam', F.numel()), ca.SX.sym('y', n_g)
-    sigma, push = ca.SX.sym('sigma', n + n_g), ca.SX.sym('push', n + n_g)
-    slope = ca.gradient(cost + ca.dot(lam, F) + ca.dot(y, g), w)
-    JF, Jg = ca.jacobian(F, w), ca.jacobian(g, w)
-    H = ca.jacobian(slope, w, {'symmetric': True})
-    H += ca.diag(sigma[:n]) + Jg.T @ ca.diag(sigma[n:]) @ Jg
-    q = ca.gradient(cost, w) + push[:n] + Jg.T @ push[n:]
-    inputs = {'w': w, 'p': p, 'lam': lam, 'y': y, 'sigma': sigma, 'push': push}
-
-    def function(kind, names_in, outputs):
-        arguments = [inputs[n] for n in names_in]
-        return ca.Function(f'{name}_{kind}', arguments, [*outputs.values()], names_in, [*outputs])
-
-    return StageModel(
-        values=function('values', ['w', 'p'], {'F': F, 'cost': cost, 'g': g}),
-        quadratic=function(
-            'quadratic', [*inputs], {'q': ca.densify(q), 'H': ca.triu(H), 'JF': JF, 'Jg': Jg}
-        ),
-        slope=function('slope', ['w', 'p', 'lam', 'y'], {'slope': ca.densify(slope)}),
-    )
 
 
 def _pattern(name, sparsity):

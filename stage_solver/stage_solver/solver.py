@@ -8,7 +8,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from stage_solver import compile_cache, riccati_codegen, validation
+from stage_solver import compile_cache, riccati_codegen, stage_problem
 from stage_solver.solution import (
     FAILED,
     ONE_STEP,
@@ -130,7 +130,7 @@ class StageSolver:
         shape.
         """
         stopwatch = Stopwatch()
-        validation.check_shapes(self._problem, x0, P, bounds, guess)
+        stage_problem.check_shapes(self._problem, x0, P, bounds, guess)
         arrays, call = self._arrays, self._call
         values = {'x0': x0, 'P': P, 'X': guess.X, 'U': guess.U} | bounds._asdict()
         call.warm = guess.multipliers is not None
@@ -142,7 +142,7 @@ class StageSolver:
         status, message = OUTCOMES[call.status]
         if math.isnan(call.cost):  # the arguments or the guess were refused
             plan = Plan(np.vstack([x0, guess.X[1:]]), np.asarray(guess.U))
-            error = validation.find_invalid_argument(self._problem, x0, P, bounds, plan)
+            error = stage_problem.find_invalid_argument(self._problem, x0, P, bounds, plan)
             message = error or message
         else:
             multipliers = Multipliers(*(arrays[f'm_{n}'].copy() for n in Multipliers._fields))

@@ -189,18 +189,27 @@ def drive(controller, ticks, x=None):
 
 
 class ModifiedSolver:
-    """A solver whose solutions are modified; it records its guesses and solutions."""
+    """A solver whose solutions are modified; it records its guesses, solutions and time limits.
+
+    The limits are noted only: the machine may be busy.
+    """
 
     def __init__(self, inner, modify=lambda solution: solution, clock=None, takes_s=0.0):
         self.inner, self.modify, self.clock, self.takes_s = inner, modify, clock, takes_s
-        self.guesses, self.solutions = [], []
+        self.guesses, self.solutions, self.limits_s, self.limit_s = [], [], [], None
 
     def solve(self, x0, P, bounds, guess):
+        self.P = P
         self.guesses.append(guess)
+        self.limits_s.append(self.limit_s)
         if self.clock:
             self.clock.now += self.takes_s
         self.solutions.append(self.modify(self.inner.solve(x0, P, bounds, guess)))
         return self.solutions[-1]
+
+    def set_time_limit(self, seconds):
+        self.limit_s = seconds
+        self.inner.set_time_limit(10.0)
 
 
 class Clock:

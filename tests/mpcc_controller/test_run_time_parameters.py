@@ -92,7 +92,7 @@ def test_the_names_are_the_numbers_of_weights_and_limits_that_have_a_value(param
 def test_a_change_that_is_not_allowed_is_refused_with_its_name_and_range(
     controller, params, changes, error
 ):
-    controller.set_last_command(controller.last_command._replace(delta=0.3))
+    controller.set_last_command(controller.memory.last._replace(delta=0.3))
     with pytest.raises(ParameterError, match=error):
         controller.check_change(run_time_parameters.change(params, changes))
 

@@ -9,13 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller.driving.setpoints import (
-    Setpoints,
-    SetpointTarget,
-    allowed_split,
-    split_within_friction,
-    within_limits,
-)
+from mpcc_controller.driving import setpoints
+from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import GRAVITY, Axles, Car, State
 from mpcc_controller.parameters import Braking, ControllerParams, Limits
@@ -51,9 +46,11 @@ def braking_target(
     force_step = limits.force_rate_nps * step_s
     Fx = -max_braking_force(max(abs(lateral), present), car, limits)
     Fx = min(max(Fx, now.Fx - force_step), now.Fx + force_step)
-    lambda_b = split_within_friction(allowed_split(Fx, car, limits), Fx, car, limits)
+    lambda_b = setpoints.split_within_friction(
+        setpoints.allowed_split(Fx, car, limits), Fx, car, limits
+    )
     delta = steering_angle(x, lateral, Fx, lambda_b, car) if known and lookahead else 0.0
-    return within_limits(delta, Fx, lambda_b, now, limits, step_s)
+    return setpoints.within_limits(delta, Fx, lambda_b, now, limits, step_s)
 
 
 def max_acceleration(car: Car, limits: Limits) -> float:
@@ -97,7 +94,7 @@ def max_braking_force(lateral: float, car: Car, limits: Limits) -> float:
 
 def _is_feasible(brake, lateral, car, limits):
     Fz, Fy = single_track.loads(-brake, car), lateral_forces(lateral, car)
-    share = allowed_split(-brake, car, limits)
+    share = setpoints.allowed_split(-brake, car, limits)
     front = math.hypot(share * brake, Fy.f) <= limits.friction_use * car.mu_f * Fz.f
     rear = math.hypot((1 - share) * brake, Fy.r) <= limits.friction_use * car.mu_r * Fz.r
     return front and rear

@@ -98,9 +98,9 @@ class Outcome(NamedTuple):
     problem: TickProblem
     solution: Solution  # in the map
     rejection: str  # why it must not be driven, '' if it may
-    sides: Sides  # on which the plan passes the dangerous obstacles
-    least_gap: float  # m, V2O to every obstacle over the horizon
-    off_road: float  # m, by which the slack lets the circles leave the road
+    sides: Sides = MappingProxyType({})  # on which the plan passes the dangerous obstacles
+    least_gap: float = np.inf  # m, V2O to every obstacle over the horizon
+    off_road: float = 0.0  # m, by which the slack lets the circles leave the road
     contact_speed: float = 0.0  # m/s, relative, where the plan runs into an obstacle
     later: float = 0.0  # cost beyond the horizon, of taking up the desired speed again
 
@@ -213,32 +213,32 @@ def few_new(candidates: list[Candidate]) -> list[Candidate]:
 
 
 def judge(
-    name: str,
-    problem: TickProblem,
-    solution: Solution,
+    problems: Mapping[str, TickProblem],
+    solutions: Sequence[Solution],
     around: RoadAhead | None,
     params: ControllerParams,
-) -> Outcome:
-    """Return the outcome of a solved candidate; its solution is in the map."""
-    rejection = rejection_reason(solution, params.fallback)
-    if rejection or around is None:
-        return Outcome(name, problem, solution, rejection, {}, np.inf, 0.0)
-    X, U, scene = solution.plan.X, solution.plan.U, problem.scene
-    gap = _least_gap(X, scene, params)
-    later = 0.0
-    if params.candidates.regain_speed:
-        later = regaining_cost(X, scene, problem.car, params)
-    return Outcome(
-        name,
-        problem,
-        solution,
-        '',
-        sides=ways.passed_sides(X, scene, around.obstacles, params),
-        least_gap=gap,
-        off_road=float(np.max(U[:, SLACK])),
-        contact_speed=ways.contact_speed(X, scene, params) if gap < 0 else 0.0,
-        later=later,
-    )
+) -> list[Outcome]:
+    """Return the outcomes of solved candidates by name; the solutions are in the map."""
+    outcomes = []
+    for (name, problem), solution in zip(problems.items(), solutions, strict=True):
+        rejection = rejection_reason(solution, params.fallback)
+        outcome = Outcome(name, problem, solution, rejection)
+        if not rejection and around is not None:
+            X, U, scene, regained = (
+                *solution.plan[:2],
+                problem.scene,
+                params.candidates.regain_speed,
+            )
+            gap = _least_gap(X, scene, params)
+            outcome = outcome._replace(
+                sides=ways.passed_sides(X, scene, around.obstacles, params),
+                least_gap=gap,
+                off_road=float(np.max(U[:, SLACK])),
+                contact_speed=ways.contact_speed(X, scene, params) if gap < 0 else 0.0,
+                later=regaining_cost(X, scene, problem.car, params) if regained else 0.0,
+            )
+        outcomes.append(outcome)
+    return outcomes
 
 
 def choose(

@@ -13,7 +13,7 @@ import numpy as np
 from mpcc_controller import run_time_parameters
 from mpcc_controller.driving import obstacle_prediction, path_progress, planner, setpoints, tick
 from mpcc_controller.driving.actuator_monitor import ActuatorState
-from mpcc_controller.driving.delay_compensation import SetpointRamp, constant_ramp
+from mpcc_controller.driving.delay_compensation import constant_ramp
 from mpcc_controller.driving.last_resort import INTERNAL_ERROR, InternalErrors
 from mpcc_controller.driving.parts import Parts
 from mpcc_controller.driving.path_progress import Progress
@@ -22,6 +22,7 @@ from mpcc_controller.driving.tick_report import ERROR, TickReporter
 from mpcc_controller.model.single_track import Car
 from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.path import reference_path, road_edges
+from mpcc_controller.problem import cost_terms
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml import conversions
 from msgs_yaml.types import (
@@ -64,8 +65,7 @@ class Controller:
     ):
         self._given = params
         self.parts = Parts(params, vehicle, limit_time, clock)
-        model = self.parts.model
-        self.reporter = TickReporter(self.params, model.formulation, model.evaluator)
+        self.reporter = TickReporter(self.parts)
         self.scene = Scene(None, None, None)
         self.errors = InternalErrors()
         self.memory = self._begin(Command(NEVER_NS, 0.0, 0.0, 0.0, 0.0))
@@ -80,16 +80,6 @@ class Controller:
     def car(self) -> Car:
         """The car on the road that is believed."""
         return self.parts.model.car_on(self.memory.believed)
-
-    @property
-    def last_command(self) -> Command:
-        """The command sent last, or the held actuators."""
-        return self.memory.last
-
-    @property
-    def active_ramp(self) -> SetpointRamp:
-        """The set-points of the last command over time."""
-        return self.memory.ramp
 
     def set_reference(self, reference: Reference, x: VehicleState | None = None) -> str:
         """Set the path; return '' or why it is rejected (the last one stays).
@@ -165,15 +155,18 @@ class Controller:
         """
         self._given = params
         self.parts.change(params)
-        self.reporter.change(self.params, changes)
+        self.reporter.changes = dict(changes)
 
     def check_change(self, params: ControllerParams) -> None:
         """Raise ParameterError for a change that would have no effect or break off the drive."""
         run_time_parameters.check_emergency_limits(params, self.parts.start_limits)
         old = parameters.flatten(self._given)
         changed = [k for k, value in parameters.flatten(params).items() if value != old[k]]
-        self.parts.model.check_effect(params, changed)
-        now, limits = self.active_ramp.end, params.limits
+        model = self.parts.model
+        terms = [t for t in model.formulation.rules.terms if cost_terms.is_on(t, params)]
+        known = [*(t.parameter for t in terms), *(f'envelope.{t.limit}' for t in terms if t.limit)]
+        run_time_parameters.check_effect(params, changed, model.vehicle, known)
+        now, limits = self.memory.ramp.end, params.limits
         present = {
             'limits.steer_rad': (abs(now.delta), limits.steer_rad),
             'limits.brake_n': (-now.Fx, limits.brake_n),
@@ -251,7 +244,7 @@ class Controller:
                 return 0.0
             self.memory = planner.explore(self.memory, self.parts)
             if prepares:
-                begin_ns = self.active_ramp.begin_ns
+                begin_ns = self.memory.ramp.begin_ns
                 next_ns = conversions.add_seconds(begin_ns, self.params.model.step_s)
                 world = obstacle_prediction.scene_at(self.memory.tracks, self.scene, next_ns)
                 self.memory = planner.prepare(self.memory, world, self.parts)
@@ -291,7 +284,7 @@ class Controller:
     def set_last_command(self, command: Command) -> None:
         """Continue from `command` instead of the last one returned (replay)."""
         end, lambda_b = setpoints.setpoints_of(command, self.car)
-        active = self.active_ramp._replace(end=end, lambda_b=lambda_b)
+        active = self.memory.ramp._replace(end=end, lambda_b=lambda_b)
         ramps = (*self.memory.ramps[:-1], active)
         self.memory = replace(self.memory, last=command, ramps=ramps)
 

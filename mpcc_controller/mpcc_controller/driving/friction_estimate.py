@@ -25,12 +25,8 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from mpcc_controller.driving.delay_compensation import (
-    MAX_STEP_S,
-    SetpointRamp,
-    midpoint_step,
-    setpoints_at,
-)
+from mpcc_controller.driving import delay_compensation
+from mpcc_controller.driving.delay_compensation import SetpointRamp
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
@@ -278,10 +274,10 @@ class FrictionEstimator:
         the difference (3,) from the prediction that begins at the measured ones.
         """
         n, last = len(self.grid), before.last
-        steps = int(np.ceil(duration_s / MAX_STEP_S))
+        steps = int(np.ceil(duration_s / delay_compensation.MAX_STEP_S))
         delay_ns = round(self._params.actuator_delay_s * NS_PER_S)
         instants = np.linspace(last.stamp_ns - delay_ns, stamp_ns - delay_ns, steps + 1)
-        points = [setpoints_at(ramps, round(ns)) for ns in instants.tolist()]
+        points = [delay_compensation.setpoints_at(ramps, round(ns)) for ns in instants.tolist()]
         h = duration_s / steps
         which = np.concatenate((np.arange(n), np.arange(n), np.full(4, best)))
         error = before.error[which]
@@ -321,6 +317,6 @@ def _bank(columns: int, structure: Car) -> ca.Function:
     U, H = ca.MX.sym('u', len(Input._fields)), ca.MX.sym('h')
     each = (ca.repmat(value, 1, columns) for value in (U, H))
     name, arguments = f'friction_bank_{columns}', [X, U, H, cars]
-    rows = midpoint_step(structure).map(columns)(X, *each, cars)
+    rows = delay_compensation.midpoint_step(structure).map(columns)(X, *each, cars)
     bank = ca.Function(name, arguments, [rows], ['X', 'u', 'h', 'cars'], ['X_next'])
     return compile_functions({name: bank}, name)[name]

@@ -5,22 +5,15 @@ from collections.abc import Callable
 
 import numpy as np
 
+from mpcc_controller.driving import ways
 from mpcc_controller.driving.braking import Point
 from mpcc_controller.driving.recovery import recovery_target
 from mpcc_controller.driving.setpoints import Setpoints
-from mpcc_controller.driving.ways import (
-    LEAST_TIME_S,
-    QUINTIC_PEAK,
-    Profile,
-    RoadAhead,
-    lateral_motion,
-    travelled,
-)
+from mpcc_controller.driving.ways import Profile, RoadAhead
 from mpcc_controller.model.single_track import GRAVITY, Car, Input, State, ideal_split
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.path import arc, reference_path
+from mpcc_controller.path import arc, frenet_frame, reference_path
 from mpcc_controller.path.reference_path import ReferencePath
-from stage_solver import stage_problem
 from stage_solver.stage_problem import Plan
 
 SLOW = 1.0  # m/s; slower, a steady cornering guess has no meaning
@@ -40,10 +33,11 @@ def from_path(path: ReferencePath, x0: State, car: Car, horizon: int, dt: float)
     start = arc.Pose(*(field[0] for field in arc.pose_at(arcs, theta)))
     offset = arc.contouring_error(start, x0.X, x0.Y) * (1 - t / t[-1])
     zeros = np.zeros_like(t)
+    X, Y, psi = frenet_frame.offset_left(arcs, offset)
     states = State(
-        X=arcs.X - offset * np.sin(arcs.psi),
-        Y=arcs.Y + offset * np.cos(arcs.psi),
-        psi=arcs.psi,
+        X=X,
+        Y=Y,
+        psi=psi,
         vx=zeros + x0.vx,
         vy=zeros,
         r=x0.vx * arcs.kappa,
@@ -88,14 +82,6 @@ def start_at(plan: Plan, x0: State) -> Plan:
     return plan._replace(X=X)
 
 
-def shift_to(plan: Plan, step: Callable, car: Car, x0: State) -> Plan:
-    """Return the plan one tick later, starting at the measured state `x0`.
-
-    `step` is that of `single_track.step`: (x, u, car) -> the state one tick later.
-    """
-    return start_at(stage_problem.shift(plan, step, np.array(car)), x0)
-
-
 def along_profile(
     around: RoadAhead, shape: Profile, x0: State, car: Car, params: ControllerParams
 ) -> Plan:
@@ -105,15 +91,15 @@ def along_profile(
     steering angle are those of steady cornering along the line, within the friction.
     """
     t = params.model.step_s * np.arange(len(around.left))
-    start, rate = lateral_motion(around, x0)
+    start, rate = ways.lateral_motion(around, x0)
     e = np.full(len(t), start)
     time, here = 0.0, start
     last = shape.slots[-1]
-    back = math.sqrt(QUINTIC_PEAK * abs(last.offset) / (0.4 * GRAVITY))
+    back = math.sqrt(ways.QUINTIC_PEAK * abs(last.offset) / (0.4 * GRAVITY))
     knots = [(slot.enter, slot.leave, slot.offset) for slot in shape.slots]
     knots.append((last.leave + max(back, RETURN_TIME_S), math.inf, 0.0))
     for begin, leave, target in knots:
-        T = max(begin - time, LEAST_TIME_S)
+        T = max(begin - time, ways.LEAST_TIME_S)
         later = t >= time
         # the quintic of tau in [0, 1] to rest at the target; both ends have no acceleration
         tau = np.minimum((t[later] - time) / T, 1.0)
@@ -123,8 +109,7 @@ def along_profile(
         e[later] = here + tau * (slope + tau**2 * (cubic + tau * (quartic + tau * quintic)))
         time, here, rate = max(leave, time + T), target, 0.0
     arcs = around.arcs
-    X = arcs.X - e * np.sin(arcs.psi)
-    Y = arcs.Y + e * np.cos(arcs.psi)
+    X, Y, _ = frenet_frame.offset_left(arcs, e)
     along = np.maximum(around.vx, SLOW) * (1 - arcs.kappa * e)
     course = arcs.psi + np.arctan2(np.gradient(e, t), along)
     force = car.m * np.gradient(around.vx, params.model.step_s)
@@ -156,7 +141,7 @@ def braking(
     gained = np.concatenate(([0.0], np.cumsum(acting))) * dt / car.m
     vx = np.maximum(x0.vx + gained, floor)
     force = np.where(vx > floor, force, 0.0)
-    distance = travelled(vx, dt)
+    distance = ways.travelled(vx, dt)
     along = line[:, THETA] - line[0, THETA]
     along = np.maximum.accumulate(along + 1e-9 * np.arange(len(along)))
     beyond = np.maximum(distance - along[-1], 0)

@@ -23,7 +23,7 @@ import numpy as np
 
 from mpcc_controller.driving.measurement_errors import measured_obstacles
 from mpcc_controller.parameters import ControllerParams, Surroundings
-from mpcc_controller.path import arc, reference_path, road_edges
+from mpcc_controller.path import arc, frenet_frame, reference_path, road_edges
 from mpcc_controller.path.arc import Pose
 from mpcc_controller.problem.obstacle_motion import LEAST_SPEED_MPS, Line, PredictedObstacle
 from mpcc_controller.problem.stage_parameters import Scene
@@ -165,7 +165,7 @@ def _line(o: Obstacle, scene: Scene, params: Surroundings) -> Line | None:
     along = np.arange(0.0, speed * LONGEST_S + STEP_M, STEP_M)
     centre = track_at(theta + way * along).centre
     aside = offset + way * math.tan(angle) * along
-    X, Y = centre.X - aside * np.sin(centre.psi), centre.Y + aside * np.cos(centre.psi)
+    X, Y, _ = frenet_frame.offset_left(centre, aside)
     # it begins where the obstacle is
     X, Y = X + (o.X - X[0]), Y + (o.Y - Y[0])
     leaves = math.cos(course) * (Y - o.Y) - math.sin(course) * (X - o.X)

@@ -4,13 +4,13 @@ import dataclasses
 import time
 from collections.abc import Callable
 
+from mpcc_controller.car_file import EMERGENCY_LIMITS
 from mpcc_controller.driving.actuator_monitor import ActuatorMonitor
 from mpcc_controller.driving.friction_estimate import FrictionEstimator
 from mpcc_controller.driving.gate import Gate
 from mpcc_controller.driving.prediction_model import PredictionModel
 from mpcc_controller.driving.tick_solvers import TickSolvers
 from mpcc_controller.parameters import CarParams, ControllerParams
-from mpcc_controller.run_time_parameters import EMERGENCY_LIMITS
 from msgs_yaml.conversions import NS_PER_S
 from node_runtime.parameters import ParameterError
 

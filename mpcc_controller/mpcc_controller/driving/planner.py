@@ -7,12 +7,12 @@ from dataclasses import replace
 from functools import partial
 
 from mpcc_controller.driving import choose, guesses
-from mpcc_controller.driving.choose import BRAKE, FOLLOWED, Candidacy, Outcome
+from mpcc_controller.driving.choose import BRAKE, FOLLOWED, Candidacy
 from mpcc_controller.driving.fallback import Decision
 from mpcc_controller.driving.parts import Parts
 from mpcc_controller.driving.prediction_model import TickProblem
 from mpcc_controller.driving.records import Attempt, Memory
-from mpcc_controller.driving.ways import BEHIND, RoadAhead
+from mpcc_controller.driving.ways import BEHIND
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import REFRESHED
 from mpcc_controller.problem.stage_parameters import Scene
@@ -64,7 +64,7 @@ def plan(
         )
         compare_s = parts.clock() - compared
         problems = {FOLLOWED: problem, **others}
-        outcomes = _judge(problems, [first, *solutions], around, parts)
+        outcomes = choose.judge(problems, [first, *solutions], around, params)
         path_sides = {h.obstacle.id: h.path_side for h in around.hazards if h.path_side != BEHIND}
         choice, hold = choose.choose(outcomes, path_sides, candidacy.hold, params.candidates)
         candidacy = choose.keep(candidacy._replace(hold=hold), choice, params.candidates)
@@ -127,11 +127,12 @@ def explore(memory: Memory, parts: Parts) -> Memory:
     last = solved.problem
     problems = _build(last.x0, last.scene, postponed, last.car, began, parts)
     _, solutions = parts.solvers.solve_candidates([*problems.values()], began)
-    outcomes = _judge(problems, solutions, solved.around, parts)
+    outcomes = choose.judge(problems, solutions, solved.around, parts.params)
     if solved.choice:
         driven = solved.choice.outcome
     else:
-        (driven,) = _judge({FOLLOWED: last}, [solved.solution], solved.around, parts)
+        alone = {FOLLOWED: last}, [solved.solution]
+        (driven,) = choose.judge(*alone, solved.around, parts.params)
     candidacy = memory.candidacy._replace(postponed=())
     rules = parts.params.candidates
     return replace(memory, candidacy=choose.keep_new_ways(candidacy, driven, outcomes, rules))
@@ -180,11 +181,3 @@ def _build(x0, scene, proposed, car, began, parts) -> dict[str, TickProblem]:
         problem = parts.model.build_problem(x0, scene, candidate.guess, car)
         built[candidate.name] = problem
     return {c.name: built[c.name] for c in proposed if c.name in built}
-
-
-def _judge(problems, solutions, around: RoadAhead | None, parts: Parts) -> list[Outcome]:
-    """Return the outcomes of solved candidates."""
-    return [
-        choose.judge(name, problem, solution, around, parts.params)
-        for (name, problem), solution in zip(problems.items(), solutions, strict=True)
-    ]

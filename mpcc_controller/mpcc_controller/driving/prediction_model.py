@@ -1,12 +1,10 @@
 """What plans are made with: parameters, car and formulation, which may change between ticks."""
 
-from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller import run_time_parameters
 from mpcc_controller.driving import guesses
 from mpcc_controller.in_force import in_force
 from mpcc_controller.model import single_track
@@ -15,7 +13,6 @@ from mpcc_controller.parameters import CarParams, ControllerParams
 from mpcc_controller.path import compiled_queries
 from mpcc_controller.problem import (
     bounds,
-    cost_terms,
     formulation,
     ocp,
     problem_check,
@@ -25,7 +22,7 @@ from mpcc_controller.problem.ocp import PlanEvaluator
 from mpcc_controller.problem.stage_parameters import Scene, StageParameters
 from stage_solver.compiled_functions import BufferedFunction
 from stage_solver.solution import ONE_STEP, Solution
-from stage_solver.stage_problem import Bounds, Plan
+from stage_solver.stage_problem import Bounds, Plan, shift
 
 CHECKED = 1024  # problems that a process remembers as checked: those of a sweep
 BRAKING_PROBE = 1.15  # friction that braking uses over the one that is believed
@@ -51,7 +48,7 @@ class PredictionModel:
     """
 
     def __init__(self, params: ControllerParams, vehicle: CarParams):
-        self._vehicle = vehicle
+        self.vehicle = vehicle
         self.params = params = in_force(params, vehicle)
         self.car = stage_parameters.car(params, vehicle)  # on a road of `model.friction`
         self.formulation = formulation.make(params, self.car)
@@ -81,14 +78,8 @@ class PredictionModel:
 
     def change(self, params: ControllerParams) -> None:
         """Plan with other weights and limits from now on; see `run_time_parameters`."""
-        self.params = in_force(params, self._vehicle)
+        self.params = in_force(params, self.vehicle)
         self.formulation.set_params(self.params)
-
-    def check_effect(self, params: ControllerParams, changed: Sequence[str]) -> None:
-        """Raise ParameterError for a changed parameter that would have no effect here."""
-        terms = [t for t in self.formulation.rules.terms if cost_terms.is_on(t, params)]
-        known = [*(t.parameter for t in terms), *(f'envelope.{t.limit}' for t in terms if t.limit)]
-        run_time_parameters.check_effect(params, changed, self._vehicle, known)
 
     def step(self, x: np.ndarray, u: np.ndarray, car: Car) -> np.ndarray:
         """Return the state (9,) one tick after `x` (9,) under the input `u` (4,)."""
@@ -96,7 +87,7 @@ class PredictionModel:
 
     def shift_to(self, plan: Plan, x0: State, car: Car) -> Plan:
         """Return a plan one tick later, starting at the measured state `x0`."""
-        return guesses.shift_to(plan, self.step, car, x0)
+        return guesses.start_at(shift(plan, self.step, np.array(car)), x0)
 
     def build_problem(
         self, x0: State, scene: Scene, guess: Plan, car: Car, sliding: bool = False

@@ -22,20 +22,15 @@ from stage_solver.solution import Solution
 from stage_solver.stage_problem import Plan
 
 
-class Arrival(NamedTuple):
-    """When the state of a tick was received."""
-
-    received_ns: int  # wall time; bags know the sending time from the middleware
-    wait_s: float  # from then to the beginning of the step
-
-
 class TickInputs(NamedTuple):
     """What one step answers, besides path, edges and obstacles."""
 
     state: VehicleState
     age_s: float = 0.0  # of the state when the step begins; 0 in lockstep
     fault: str = ''  # of the watchdog: no plan is computed, the car brakes; `state_stale`: blindly
-    arrival: Arrival | None = None  # where it is known
+    # when the state was received, wall time; None: not known. Bags know when it was sent
+    received_ns: int | None = None
+    wait_s: float = 0.0  # from then to the beginning of the step
     effective_ns: int | None = None  # when the command takes effect, if known (replay)
     publish_s: float | None = None  # publishing time of the command before
     actuators: Actuators | None = None  # the newest message, to be compared with the set-points

@@ -19,21 +19,9 @@ line. Nothing is optimised: it cannot fail to converge.
 
 import math
 
-from mpcc_controller.driving.braking import (
-    Point,
-    lateral_acceleration,
-    lateral_capacity,
-    max_acceleration,
-    max_braking_force,
-    slip_of,
-)
-from mpcc_controller.driving.setpoints import (
-    Setpoints,
-    SetpointTarget,
-    allowed_split,
-    split_within_friction,
-    within_limits,
-)
+from mpcc_controller.driving import braking, setpoints
+from mpcc_controller.driving.braking import Point
+from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car
 from mpcc_controller.parameters import ControllerParams
@@ -90,26 +78,26 @@ def recovery_target(
     v = max(math.hypot(x.vx, x.vy), LEAST_MPS)
     beta = math.atan2(x.vy, x.vx)
     Fz = single_track.loads(now.Fx, car)
-    most = LATERAL_USE * max_acceleration(car, limits)
-    lateral = lateral_acceleration(x, lookahead, most) if lookahead else 0.0
+    most = LATERAL_USE * braking.max_acceleration(car, limits)
+    lateral = braking.lateral_acceleration(x, lookahead, most) if lookahead else 0.0
     split = single_track.split(now.Fx, single_track.ideal_split(now.Fx, car), car)
-    rear_capacity = lateral_capacity(car.mu_r * Fz.r, float(split.r))
+    rear_capacity = braking.lateral_capacity(car.mu_r * Fz.r, float(split.r))
     F_yr = _lateral_force(rear_slip(x, car), rear_capacity, car.C_r)
     wheelbase = car.l_f + car.l_r
     F_d = car.m * lateral * car.l_f / wheelbase  # of the rear axle while cornering
-    beta_d = car.l_r * lateral / v**2 - slip_of(F_d, car.mu_r * Fz.r, car.C_r)
+    beta_d = car.l_r * lateral / v**2 - braking.slip_of(F_d, car.mu_r * Fz.r, car.C_r)
     r_d = F_yr * wheelbase / (car.l_f * car.m * v) + K_BETA * (beta - beta_d)
     moment = car.Izz * K_R * (r_d - x.r)
     F_yf = (moment + car.l_r * F_yr) / car.l_f
     # the largest braking force that both axles hold beside their lateral forces
     if abs(beta) > SPUN_RAD:  # no steering brings the car back: as hard as the friction allows
-        Fx = -max_braking_force(0.0, car, limits)
+        Fx = -braking.max_braking_force(0.0, car, limits)
     else:
         use, level = limits.friction_use, single_track.loads(0.0, car)
         front, rear = use * car.mu_f * level.f, use * car.mu_r * level.r
-        front = lateral_capacity(front, min(abs(F_yf), front))
-        rear = lateral_capacity(rear, min(abs(F_yr), rear))
-        share = allowed_split(0.0, car, limits)
+        front = braking.lateral_capacity(front, min(abs(F_yf), front))
+        rear = braking.lateral_capacity(rear, min(abs(F_yr), rear))
+        share = setpoints.allowed_split(0.0, car, limits)
         # an axle that does not brake limits nothing
         front = front / share if share > 0 else math.inf
         rear = rear / (1 - share) if share < 1 else math.inf
@@ -117,11 +105,13 @@ def recovery_target(
     force_step = limits.force_rate_nps * step_s
     Fx = min(max(Fx, now.Fx - force_step), now.Fx + force_step)
     Fx = min(max(Fx, -limits.brake_n), limits.drive_n)
-    lambda_b = split_within_friction(allowed_split(Fx, car, limits), Fx, car, limits)
+    lambda_b = setpoints.split_within_friction(
+        setpoints.allowed_split(Fx, car, limits), Fx, car, limits
+    )
     front = single_track.split(Fx, lambda_b, car).f
-    capacity = lateral_capacity(car.mu_f * single_track.loads(Fx, car).f, float(front))
-    delta = _front_direction(x, car) + slip_of(F_yf, capacity, car.C_f)
-    return within_limits(delta, Fx, lambda_b, now, limits, step_s)
+    capacity = braking.lateral_capacity(car.mu_f * single_track.loads(Fx, car).f, float(front))
+    delta = _front_direction(x, car) + braking.slip_of(F_yf, capacity, car.C_f)
+    return setpoints.within_limits(delta, Fx, lambda_b, now, limits, step_s)
 
 
 def _predict(x: VehicleState, now: Setpoints, car: Car, t: float) -> VehicleState:

@@ -211,9 +211,19 @@ def _sense(
         memory = replace(memory, friction=friction, believed=belief.friction)
         measured = parts.friction.filtered(friction, measured)
     tracks = obstacle_prediction.observe(memory.tracks, scene, truth, stamp_ns, params)
-    memory = replace(memory, actuators=actuators, tracks=tracks)
     modelled = parts.model.car_on(memory.believed)
-    memory, predicted = _predict(memory, measured, effective_ns, ramps, modelled, parts)
+    # without a delay of commands the states between two effects are under the last ramp alone
+    begin, acting, known = measured, ramps if parts.command_ns else ramps[-1:], memory.known
+    if np.all(np.isfinite(measured)):
+        known = measured
+    elif known is not None:  # predicted from, while not older than a plan may be to steer along
+        longest_s = params.fallback.max_guide_age * params.model.step_s
+        if 0 <= ns_to_s(stamp_ns - known.stamp_ns) <= longest_s:
+            begin, acting = known, ramps
+        else:
+            known = None
+    predicted = predict(begin, acting, effective_ns, modelled)
+    memory = replace(memory, actuators=actuators, tracks=tracks, known=known)
     now = Now(
         measured,
         predicted,
@@ -230,28 +240,6 @@ def _sense(
 def missing(scene: Scene) -> tuple[str, ...]:
     """Return the names of the inputs that were never set."""
     return tuple(name for name, value in scene._asdict().items() if value is None)
-
-
-def _predict(
-    memory: Memory, measured: VehicleState, effective_ns: int, ramps, modelled: Car, parts: Parts
-) -> tuple[Memory, VehicleState]:
-    """Return the state at which the command takes effect.
-
-    It is predicted from the measured one; where that is not known, from the last state that was,
-    while that is not older than a plan may be to steer along.
-    """
-    # without a delay of commands the states between two effects are under the last ramp alone
-    acting = ramps if parts.command_ns else ramps[-1:]
-    known = memory.known
-    if np.all(np.isfinite(measured)):
-        known = measured
-    elif known is not None:
-        params = parts.params
-        longest_s = params.fallback.max_guide_age * params.model.step_s
-        if 0 <= ns_to_s(measured.stamp_ns - known.stamp_ns) <= longest_s:
-            return memory, predict(known, ramps, effective_ns, modelled)
-        known = None
-    return replace(memory, known=known), predict(measured, acting, effective_ns, modelled)
 
 
 def _decide(

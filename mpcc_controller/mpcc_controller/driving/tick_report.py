@@ -7,6 +7,7 @@ import numpy as np
 from mpcc_controller.driving import ways
 from mpcc_controller.driving.actuator_monitor import FAULT
 from mpcc_controller.driving.fallback import BRAKING, RECOVERY
+from mpcc_controller.driving.parts import Parts
 from mpcc_controller.driving.records import Attempt, TickRecord
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
@@ -15,9 +16,8 @@ from mpcc_controller.path import distance, frenet_frame, road_edges
 from mpcc_controller.path.distance import Disc
 from mpcc_controller.path.frenet_frame import FrenetDisc, FrenetPoint
 from mpcc_controller.problem import stage_parameters
-from mpcc_controller.problem.formulation import Formulation
 from mpcc_controller.problem.obstacle_motion import PredictedObstacle
-from mpcc_controller.problem.ocp import PlanEvaluator, PlanValues
+from mpcc_controller.problem.ocp import PlanValues
 from mpcc_controller.problem.stage_parameters import Scene, StageParameters
 from mpcc_controller.run_time_parameters import REPORTED
 from msgs_yaml.conversions import ns_to_s
@@ -32,24 +32,18 @@ LINE_STAGES = 5  # of a candidate's plan one stage in this many is reported
 
 
 class TickReporter:
-    """Explains the ticks of one controller."""
+    """Explains the ticks of one controller; `changes` of its parameters are reported."""
 
-    def __init__(
-        self, params: ControllerParams, formulation: Formulation, evaluator: PlanEvaluator
-    ):
-        self._params, self._formulation, self._evaluator = params, formulation, evaluator
-        self._changes: dict[str, float] = {}
-
-    def change(self, params: ControllerParams, changes: Mapping[str, float]) -> None:
-        """Explain by other parameters from now on; `changes` since the start are reported."""
-        self._params, self._changes = params, {REPORTED + k: v for k, v in changes.items()}
+    def __init__(self, parts: Parts):
+        self._parts = parts
+        self.changes: Mapping[str, float] = {}  # since the start, by name
 
     def prediction(self, record: TickRecord) -> Prediction:
         """Return the planned poses; without a plan the present one, none if that is unknown."""
         x, plan = record.state, record.decision.plan
         if plan is not None:
             states = State(*plan.X.T)
-            t = self._params.model.step_s * np.arange(len(plan.X))
+            t = self._parts.params.model.step_s * np.arange(len(plan.X))
             return Prediction(x.stamp_ns, states.X, states.Y, states.psi, t)
         poses = np.array([(x.X, x.Y, x.psi)] if np.all(np.isfinite(x)) else np.empty((0, 3)))
         return Prediction(x.stamp_ns, *poses.T, np.zeros(len(poses)))
@@ -87,7 +81,7 @@ class TickReporter:
         # the commanded brake split (0 without braking), and the ideal one
         force = command.Fxf + command.Fxr
         values['split.front'] = command.Fxf / force if force < 0 else 0.0
-        values['split.ideal'] = float(single_track.ideal_split(force, self._formulation.car))
+        values['split.ideal'] = float(single_track.ideal_split(force, self._parts.model.car))
         values['gate.rejections'] = sum(record.rejections.values())
         values |= {f'gate.{reason}': n for reason, n in sorted(record.rejections.items())}
         # how far the actuators are beyond their set-points, and which do not follow them
@@ -102,20 +96,21 @@ class TickReporter:
             values[RESUMED] = True
         # obstacles that the problem has no room for
         known = record.scene.obstacles.items if record.scene.obstacles else ()
-        if len(known) > self._params.surroundings.max_obstacles:
-            values[LEFT_OUT] = len(known) - self._params.surroundings.max_obstacles
+        beyond = len(known) - self._parts.params.surroundings.max_obstacles
+        if beyond > 0:
+            values[LEFT_OUT] = beyond
         values['time.lead_ms'] = 1e3 * ns_to_s(record.effective_ns - inputs.state.stamp_ns)
         if inputs.publish_s is not None:
             values['time.publish_ms'] = 1e3 * inputs.publish_s
         if record.prepared_s is not None:
             values['time.ahead_ms'] = 1e3 * record.prepared_s
-        if inputs.arrival is not None:
-            values['time.heard_ns'] = inputs.arrival.received_ns
-            values['time.wait_ms'] = 1e3 * inputs.arrival.wait_s
-        return values | self._changes
+        if inputs.received_ns is not None:
+            values['time.heard_ns'] = inputs.received_ns
+            values['time.wait_ms'] = 1e3 * inputs.wait_s
+        return values | {REPORTED + name: value for name, value in self.changes.items()}
 
     def _plan_values(self, record: TickRecord) -> dict:
-        attempt, params = record.attempt, self._params
+        attempt, params, model = record.attempt, self._parts.params, self._parts.model
         if attempt is None:
             here = State(*(np.array([value]) for value in record.x0))
             known = record.scene.obstacles
@@ -124,8 +119,8 @@ class TickReporter:
         parameters, scene = attempt.problem.parameters, attempt.problem.scene
         values = distances_now(attempt.problem.x0, scene, parameters.obstacles, params)
         if attempt.plan is not None:
-            plan = self._formulation.to_local(attempt.plan, scene.path)
-            evaluated = self._evaluator.evaluate(plan, parameters.P)
+            plan = model.formulation.to_local(attempt.plan, scene.path)
+            evaluated = model.evaluator.evaluate(plan, parameters.P)
             values |= _planned(evaluated, parameters, attempt.plan.U)
         # the lines of the candidates that may be driven, one text each, for viewers
         outcomes = attempt.choice.outcomes if attempt.choice else ()

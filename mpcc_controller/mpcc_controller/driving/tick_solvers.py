@@ -146,29 +146,21 @@ class TickSolvers:
         solves: at most MOST_REFRESHES, none where theta moved by up to REFRESH_FROM_M. A further
         solution that may not be driven is dropped.
         """
-        chosen, limit_s = self._chosen(problem), self.prediction.params.solver.time_limit_s
-        refreshes, is_limited = 0, False
-        try:
-            while refreshes < MOST_REFRESHES and self.is_usable(first):
-                moved = np.abs(first.plan.X[:, THETA] - problem.guess_map.X[:, THETA])
-                remaining_s = limit_s - (self.clock() - began)
-                if np.max(moved) <= REFRESH_FROM_M or (self.limit_time and remaining_s <= 0):
-                    break
-                if self.limit_time:
-                    is_limited = True
-                    chosen.set_time_limit(remaining_s)
-                again = self.prediction.build_problem(
-                    problem.x0, problem.scene, first.plan, problem.car, problem.sliding
-                )
-                solution = self._run(chosen, again, again.guess_local)
-                refreshes += 1
-                if not self.is_usable(solution):
-                    first = _with_effort_of(first, (first, solution))
-                    break
-                problem, first = again, _with_effort_of(solution, (first, solution))
-        finally:
-            if is_limited:
-                chosen.set_time_limit(limit_s)
+        chosen, refreshes = self._chosen(problem), 0
+        while refreshes < MOST_REFRESHES and self.is_usable(first):
+            moved = np.abs(first.plan.X[:, THETA] - problem.guess_map.X[:, THETA])
+            is_late = self.limit_time and self._remaining_s(began) <= 0
+            if np.max(moved) <= REFRESH_FROM_M or is_late:
+                break
+            self._limit(chosen, began)
+            again = self.prediction.build_problem(
+                problem.x0, problem.scene, first.plan, problem.car, problem.sliding
+            )
+            solution = self._run(chosen, again, again.guess_local)
+            refreshes += 1
+            if not self.is_usable(solution):
+                return problem, _with_effort_of(first, (first, solution)), refreshes
+            problem, first = again, _with_effort_of(solution, (first, solution))
         return problem, first, refreshes
 
     def is_usable(self, solution: Solution) -> bool:
@@ -180,13 +172,13 @@ class TickSolvers:
         return self.sliding if problem.sliding and self.sliding else self.followed
 
     def _limit(self, solver: StageSolver, began: float) -> None:
-        """Let a solver stop where the time of its tick ends.
+        """Let a solver stop where the time of its tick ends."""
+        if self.limit_time:
+            solver.set_time_limit(self._remaining_s(began))
 
-        The paper's controller does not share that time: its solver has all of it.
-        """
-        if self.limit_time and (self.parallel or self.sliding):
-            remaining_s = self.prediction.params.solver.time_limit_s - (self.clock() - began)
-            solver.set_time_limit(max(remaining_s, 0.0))
+    def _remaining_s(self, began: float) -> float:
+        limit_s = self.prediction.params.solver.time_limit_s
+        return max(limit_s - (self.clock() - began), 0.0)
 
     def _run(self, solver: StageSolver, problem: TickProblem, guess: Plan) -> Solution:
         return self.prediction.to_map(_solve(solver, problem, guess), problem)

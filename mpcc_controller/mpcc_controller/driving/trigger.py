@@ -17,21 +17,11 @@ NOTHING = Due(step=False, repeat=False, restart=False)
 
 
 class Trigger:
-    """The stamps of the state kept last, of the actuators and of the last answer."""
-
-    obstacles = None
+    """The stamps of the state kept last, of the newest other inputs and of the last answer."""
 
     def __init__(self, step_s: float):
         self.step_ns = round(step_s * NS_PER_S)
-        self.state = self.actuators = self.answered = None
-
-    def on_obstacles(self, stamp_ns: int) -> None:
-        """Note the stamp of the obstacles; in realtime they do not trigger a step."""
-        self.obstacles = stamp_ns
-
-    def on_actuators(self, stamp_ns: int) -> None:
-        """Note the stamp of the actuators."""
-        self.actuators = stamp_ns
+        self.state = self.actuators = self.obstacles = self.answered = None
 
 
 class LockstepTrigger(Trigger):

@@ -15,7 +15,7 @@ import numpy as np
 
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.path import arc, reference_path, road_edges
+from mpcc_controller.path import arc, frenet_frame, reference_path, road_edges
 from mpcc_controller.path.arc import Arc
 from mpcc_controller.problem import stage_parameters
 from mpcc_controller.problem.obstacle_motion import PredictedObstacle
@@ -79,8 +79,8 @@ def road_ahead(
     theta = x0.theta + travelled(vx, params.model.step_s)
     arcs, v_ref = reference_path.arcs_at(scene.path, theta)
     zeros = np.zeros_like(theta)
-    fade = np.linspace(1, 0, len(theta)) * (_left_of(arcs, x0.X, x0.Y)[0])
-    X, Y = arcs.X - fade * np.sin(arcs.psi), arcs.Y + fade * np.cos(arcs.psi)
+    fade = np.linspace(1, 0, len(theta)) * (arc.contouring_error(arcs, x0.X, x0.Y)[0])
+    X, Y, _ = frenet_frame.offset_left(arcs, fade)
     straight = np.column_stack(State(X, Y, arcs.psi, vx, zeros, zeros, theta, zeros, zeros))
     limit = params.safety.obstacle_m + params.candidates.danger_m
     gaps = np.min([least_gaps(X, scene, params) for X in (straight, *lines)], axis=0)
@@ -88,7 +88,7 @@ def road_ahead(
     if not dangerous:
         return None
     track = road_edges.track_beside(scene.road, arcs, params.surroundings.edge_window_m)
-    centre = _left_of(arcs, track.centre.X, track.centre.Y)
+    centre = arc.contouring_error(arcs, track.centre.X, track.centre.Y)
     at_edges = params.body.edge_radius_m or params.body.circle_radius_m
     room = np.maximum(track.half_width - at_edges, 0)
     hazards = sorted((_hazard(o, arcs, params) for o in dangerous), key=lambda h: h.enter)
@@ -98,10 +98,9 @@ def road_ahead(
 def lateral_motion(around: RoadAhead, x0: State) -> tuple[float, float]:
     """Return the offset [m] from the path at stage 0, to the left, and its rate [m/s]."""
     here = Arc(*(float(field[0]) for field in around.arcs))
-    pose = arc.Pose(here.X, here.Y, here.psi)
     course = x0.psi - here.psi
     rate = x0.vx * math.sin(course) + x0.vy * math.cos(course)
-    return float(arc.contouring_error(pose, x0.X, x0.Y)), rate
+    return float(arc.contouring_error(here, x0.X, x0.Y)), rate
 
 
 def travelled(vx: np.ndarray, dt: float) -> np.ndarray:
@@ -113,9 +112,8 @@ def _hazard(obstacle, arcs, params) -> Hazard:
     """Return where a car along the path, at the speeds of `arcs`, meets an obstacle."""
     dt = params.model.step_s
     oX, oY = positions((obstacle,), len(arcs.X), dt)
-    cos_psi, sin_psi = np.cos(arcs.psi), np.sin(arcs.psi)
-    ahead = np.abs(cos_psi * (oX[0] - arcs.X) + sin_psi * (oY[0] - arcs.Y))
-    e = _left_of(arcs, oX[0], oY[0])
+    ahead = np.abs(arc.lag_error(arcs, oX[0], oY[0]))
+    e = arc.contouring_error(arcs, oX[0], oY[0])
     touch = obstacle.r_obs + params.body.circle_radius_m
     nose = max(map(abs, params.body.circle_offsets_m))
     # the stretch around the stage that is beside it: it may come beside the car again on a lap
@@ -129,11 +127,6 @@ def _hazard(obstacle, arcs, params) -> Hazard:
     lowest, highest = float(np.min(e[first : final + 1])), float(np.max(e[first : final + 1]))
     side = LEFT if highest < -touch else RIGHT if lowest > touch else BEHIND
     return Hazard(obstacle, dt * first, dt * final, lowest, highest, side)
-
-
-def _left_of(arcs, X, Y):
-    """Return how far [m] points are to the left of the path at `arcs`."""
-    return np.cos(arcs.psi) * (Y - arcs.Y) - np.sin(arcs.psi) * (X - arcs.X)
 
 
 class Slot(NamedTuple):

@@ -114,11 +114,11 @@ def refine(path: ReferencePath, X, Y, s) -> FrenetPoint:
 def to_cartesian(path: ReferencePath, point: FrenetPoint) -> Pose:
     """Return the points of the map at path coordinates (k,), with the heading of the path there."""
     piece, _ = reference_path.arcs_at(path, point.s)
-    return offset_left(Pose(piece.X, piece.Y, piece.psi), point.e)
+    return offset_left(piece, point.e)
 
 
-def offset_left(pose: Pose, e) -> Pose:
-    """Return the pose moved by `e` [m] to its left."""
+def offset_left(pose: Pose | Arc, e) -> Pose:
+    """Return the pose, or that of an arc, moved by `e` [m] to its left."""
     return Pose(pose.X - e * np.sin(pose.psi), pose.Y + e * np.cos(pose.psi), pose.psi)
 
 

@@ -48,33 +48,27 @@ def build(
 def _without_friction(limits, horizon, state, circles) -> Bounds:
     """Return the bounds that are equal at all times, as arrays that cannot be changed."""
     free = np.inf
-    x_high = state(
-        **dict.fromkeys(state._fields, free) | {'delta': limits.steer_rad, 'Fx': limits.drive_n}
+
+    def states(sign, Fx):
+        fields = dict.fromkeys(state._fields, sign * free)
+        return state(**fields | {'delta': sign * limits.steer_rad, 'Fx': Fx})
+
+    def inputs(sign, split):
+        rates = sign * limits.steer_rate_radps, sign * limits.force_rate_nps
+        return Input(*rates, lambda_b=split, slack=sign * free)
+
+    ends = Bounds(
+        x_low=states(-1, -limits.brake_n),
+        x_high=states(1, limits.drive_n),
+        u_low=inputs(-1, limits.brake_front_share_min),
+        u_high=inputs(1, limits.brake_front_share_max),
+        g_low=(AXLES + circles) * (-free,),
+        g_high=(*AXLES * (free,), *circles * (0.0,)),
+        h_low=(-free,),
+        h_high=(free,),
     )
-    x_low = state(
-        **dict.fromkeys(state._fields, -free) | {'delta': -limits.steer_rad, 'Fx': -limits.brake_n}
-    )
-    u_high = Input(
-        d_delta=limits.steer_rate_radps,
-        d_Fx=limits.force_rate_nps,
-        lambda_b=limits.brake_front_share_max,
-        slack=free,
-    )
-    u_low = u_high._replace(
-        d_delta=-limits.steer_rate_radps,
-        d_Fx=-limits.force_rate_nps,
-        lambda_b=limits.brake_front_share_min,
-        slack=-free,
-    )
-    g_high = (*AXLES * (free,), *circles * (0.0,))
-    g_low = (*AXLES * (free,), *circles * (-free,))
-    rows = {'x': horizon + 1, 'u': horizon, 'g': horizon, 'h': 1}
-    limit = {'x': (x_low, x_high), 'u': (u_low, u_high), 'g': (g_low, g_high), 'h': (-free, free)}
-    arrays = {
-        f'{kind}_{end}': np.tile(values, rows[kind] if kind == 'h' else (rows[kind], 1))
-        for kind, ends in limit.items()
-        for end, values in zip(('low', 'high'), ends)
-    }
+    rows = {'x': (horizon + 1, 1), 'u': (horizon, 1), 'g': (horizon, 1), 'h': 1}
+    arrays = {name: np.tile(end, rows[name[0]]) for name, end in ends._asdict().items()}
     for array in arrays.values():
         array.flags.writeable = False
     return Bounds(**arrays)

@@ -4,19 +4,22 @@ Outside a formulation a plan is in the map: its states are `single_track.State`,
 distance along the path. Inside it is in the states of the problem that is solved ("local").
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache, partial
 from pkgutil import resolve_name
 from typing import Any, ClassVar
 
 import numpy as np
 
 from mpcc_controller.model import single_track
-from mpcc_controller.model.single_track import Car
+from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import FORMULATIONS, INTEGRATED, PROJECTED, ControllerParams
+from mpcc_controller.path import reference_path
+from mpcc_controller.path.arc import Arc
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import cost_terms, stage_parameters
 from mpcc_controller.problem.cost_terms import CostTerm
-from mpcc_controller.problem.distance_frame import DistanceFrame
+from mpcc_controller.problem.distance_frame import FRAMES
 from mpcc_controller.problem.ocp import Rules, SafetyDistance, SymbolicOcp, VehicleCircles
 from mpcc_controller.problem.stage_parameters import CONSTANTS, Scene, StageParameters
 from node_runtime.parameters import ParameterError
@@ -26,24 +29,31 @@ from stage_solver.stage_problem import Plan
 class Formulation:
     """One optimal control problem: what the planner needs to know of it.
 
-    A subclass sets the class variables and `ocp`, and gives its stages their parameters.
+    A subclass sets the class variables and gives its stages their parameters.
     """
 
+    state: ClassVar[type]  # a NamedTuple that has vx, vy, r, delta and Fx
+    scale_x: ClassVar[tuple]  # SI units per solver unit of each state
+    stage: ClassVar[type]  # a NamedTuple: CONSTANTS, then what differs from stage to stage
+    # of `stage`: what it has beside that of all formulations
+    template: ClassVar[tuple[tuple[str, Any], ...]]
+    rates: ClassVar[Callable]  # (x, u, p) -> dx/dt
+    quantities: ClassVar[Callable]  # (x, u or None, p, rules) -> StageQuantities
+    constraints: ClassVar[Callable]  # (x, u, p) -> Constraints
     tuned_weights: ClassVar[tuple[str, ...]]  # parameters of the weights that tuning varies
     distances: ClassVar[tuple[str, ...]]  # allowed values of formulation.distance
     has_lag: ClassVar[bool]  # whether formulation.lag may be true
     integrates_theta: ClassVar[bool]  # whether model.theta may be integrated
     has_track_centre: ClassVar[bool]  # whether the track is arcs around the centre of the road
     terms: ClassVar[Sequence[CostTerm]]
-    ocp: SymbolicOcp
 
-    def __init__(self, params: ControllerParams, car: Car, frame: DistanceFrame):
+    def __init__(self, params: ControllerParams, car: Car):
+        self.car, frame = car, FRAMES[params.formulation.distance]
         priority = cost_terms.PRIORITIES[params.formulation.priority]
         terms = cost_terms.in_use(self.terms, params)
-        self.car = car
         self.rules = Rules(frame, priority, terms, single_track.structure(car))
-        # of vehicle circles and of obstacles in the problem
-        self.size = len(params.body.circle_offsets_m), params.surroundings.max_obstacles
+        size = len(params.body.circle_offsets_m), params.surroundings.max_obstacles
+        self.ocp = symbolic_ocp(type(self), params.formulation.name, *size, self.rules)
         self.set_params(params)
 
     def set_params(self, params: ControllerParams) -> None:
@@ -61,19 +71,35 @@ class Formulation:
         self.constants = dict(zip(CONSTANTS, values, strict=True))
         self.constant_numbers = stage_parameters.constant_numbers(values)
 
-    def on_road(self, car: Car | None) -> tuple[dict[str, Any], np.ndarray]:
-        """Return constants and their numbers with another car, as on a road of other friction."""
-        if car is None or car is self.car:
-            return self.constants, self.constant_numbers
-        numbers = np.concatenate((car, self.constant_numbers[len(car) :]))
-        return self.constants | {'car': car}, numbers
-
     def stage_parameters(
         self, scene: Scene, guess: np.ndarray, car: Car | None = None
     ) -> StageParameters:
         """Return the parameters of every stage around guessed states in the map (N + 1, 9).
 
         `car` is `self.car` with the friction that is believed now; None: with its own.
+        """
+        values, numbers = self.constants, self.constant_numbers
+        if car is not None and car is not self.car:
+            values = values | {'car': car}
+            numbers = np.concatenate((car, numbers[len(car) :]))
+        frame, x = self.rules.frame, self.place(scene.path, State(*guess.T))
+        arcs, v_ref = reference_path.arcs_at(scene.path, x.theta)
+        window = self.params.surroundings.edge_window_m
+        slots, obstacles = stage_parameters.obstacle_slots(self.params, frame, scene, x)
+        values = values | {'edges': frame.road(scene.road, arcs, x, window), 'obstacles': slots}
+        stages = self.stage(**values | self.own_parameters(scene, x, arcs, v_ref))
+        return stage_parameters.to_matrix(stages, obstacles, len(guess), numbers)
+
+    def place(self, path: ReferencePath, x: State) -> State:
+        """Return guessed states with theta where the parameters of the stages are taken."""
+        return x
+
+    def own_parameters(
+        self, scene: Scene, x: State, arcs: Arc, v_ref: np.ndarray
+    ) -> dict[str, Any]:
+        """Return the parameters of `stage` that differ between formulations, by name.
+
+        `arcs` and the desired speeds `v_ref` [m/s] are those of the path at theta of `x`.
         """
         raise NotImplementedError
 
@@ -84,6 +110,36 @@ class Formulation:
     def to_map(self, plan: Plan, path: ReferencePath) -> Plan:
         """Return a plan of the problem in the map."""
         return plan
+
+
+@cache
+def symbolic_ocp(
+    kind: type[Formulation], name: str, circles: int, obstacles: int, rules: Rules
+) -> SymbolicOcp:
+    """Return a formulation in symbols for vehicle circles and obstacles of the given numbers."""
+    weights, shares = cost_terms.weights_type(rules.terms), cost_terms.limits_type(rules.terms)
+    template = kind.stage(
+        car=rules.car,
+        weights=weights(*weights._fields),
+        D_sft=SafetyDistance(*SafetyDistance._fields),
+        body=VehicleCircles('radius', ('offset',) * circles, 'edge_radius'),
+        envelope=shares(*shares._fields),
+        least_speed='least_speed',
+        v_ref='v_ref',
+        edges=rules.frame.edges,
+        obstacles=(rules.frame.disc,) * obstacles,
+        **dict(kind.template),
+    )
+    return SymbolicOcp(
+        name=name,
+        state=kind.state,
+        template=template,
+        scale_x=kind.scale_x,
+        rates=kind.rates,
+        terms=rules.terms,
+        quantities=partial(kind.quantities, rules=rules),
+        constraints=kind.constraints,
+    )
 
 
 def find(name: str) -> type[Formulation]:

@@ -5,35 +5,25 @@ control", IEEE T-IV 2019, as far as it is public; docs/paper.md gives the source
 Inputs, prediction model and limits are those of the paper's MPCC.
 """
 
-from functools import cache, partial
+from collections import namedtuple
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from mpcc_controller.model import single_track
-from mpcc_controller.model.single_track import Car, Input, State
-from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.path import frenet_frame, reference_path
+from mpcc_controller.model.single_track import Input, State
+from mpcc_controller.path import frenet_frame
 from mpcc_controller.path.arc import Arc
-from mpcc_controller.path.distance import Edges
 from mpcc_controller.path.frenet_frame import FrenetPoint
 from mpcc_controller.path.reference_path import ReferencePath
-from mpcc_controller.problem import cost_terms, ocp, stage_parameters
+from mpcc_controller.problem import cost_terms, ocp
 from mpcc_controller.problem.cost_terms import StageQuantities
-from mpcc_controller.problem.distance_frame import FRENET
 from mpcc_controller.problem.formulation import Formulation
-from mpcc_controller.problem.ocp import (
-    Constraints,
-    Rules,
-    SafetyDistance,
-    SymbolicOcp,
-    VehicleCircles,
-)
-from mpcc_controller.problem.stage_parameters import Scene, StageParameters
+from mpcc_controller.problem.ocp import Constraints, Rules
+from mpcc_controller.problem.stage_parameters import CONSTANTS, Scene
 from stage_solver.stage_problem import Plan
 
-LENGTH_ROUNDING = 1e-4  # m^2; 1 cm, keeps the distance to the centre of the track differentiable
 MIN_STEP_M = 1e-3  # of path in a step; below it the curvature is that of the point
 
 
@@ -54,19 +44,9 @@ class FrenetState(NamedTuple):
 SCALE_X = FrenetState(s=1, e=1, dpsi=1, vx=1, vy=1, r=1, delta=1, Fx=1e3)
 
 
-class FrenetStage(NamedTuple):
-    """The parameters of one stage."""
-
-    car: Car
-    weights: Any  # of the cost terms, by name
-    D_sft: SafetyDistance
-    body: VehicleCircles
-    envelope: Any  # shares at which the soft limits begin, by name; of the terms in the problem
-    least_speed: Any  # m/s
-    kappa: Any  # 1/m, mean curvature of the path over the step, left positive
-    v_ref: Any  # m/s
-    edges: Edges  # of FrenetEdge
-    obstacles: tuple  # of FrenetDisc
+# The parameters of one stage, as those of `mpcc_formulation.Stage`. kappa [1/m]: mean curvature of
+# the path over the step, left positive
+FrenetStage = namedtuple('FrenetStage', (*CONSTANTS, 'kappa', 'v_ref', 'edges', 'obstacles'))
 
 
 class FrenetErrors(NamedTuple):
@@ -97,7 +77,7 @@ def constraints(x: FrenetState, u: Input, p: FrenetStage) -> Constraints:
     for offset in ocp.track_offsets(p.body):
         point = point_ahead(x, offset)
         left, right = (frenet_frame.edge_offset(edge, point.s) for edge in p.edges)
-        gap = ca.sqrt((point.e - (left + right) / 2) ** 2 + LENGTH_ROUNDING)
+        gap = ca.sqrt((point.e - (left + right) / 2) ** 2 + ocp.LENGTH_ROUNDING)
         beyond.append(gap - ((left - right) / 2 - p.body.edge_radius))
     return ocp.constraints(x, u, p, beyond)
 
@@ -105,28 +85,6 @@ def constraints(x: FrenetState, u: Input, p: FrenetStage) -> Constraints:
 def point_ahead(x: FrenetState, offset) -> FrenetPoint:
     """Return the point of the car `offset` [m] ahead of the CoG."""
     return FrenetPoint(x.s + offset * ca.cos(x.dpsi), x.e + offset * ca.sin(x.dpsi))
-
-
-@cache
-def symbolic_ocp(circles: int, obstacles: int, rules: Rules) -> SymbolicOcp:
-    """Return the formulation for vehicle circles and obstacles of the given numbers."""
-    template = FrenetStage(
-        **ocp.common_template(circles, rules),
-        kappa='kappa',
-        v_ref='v_ref',
-        edges=FRENET.edges,
-        obstacles=(FRENET.disc,) * obstacles,
-    )
-    return SymbolicOcp(
-        name='frenet',
-        state=FrenetState,
-        template=template,
-        scale_x=SCALE_X,
-        rates=rates,
-        terms=rules.terms,
-        quantities=partial(quantities, rules=rules),
-        constraints=constraints,
-    )
 
 
 def mean_curvatures(arcs: Arc) -> np.ndarray:
@@ -144,6 +102,9 @@ def mean_curvatures(arcs: Arc) -> np.ndarray:
 class FrenetFormulation(Formulation):
     """The baseline of Brown & Gerdes; see `formulation.Formulation`."""
 
+    state, scale_x, stage = FrenetState, SCALE_X, FrenetStage
+    template = (('kappa', 'kappa'),)
+    rates, quantities, constraints = map(staticmethod, (rates, quantities, constraints))
     tuned_weights = (*cost_terms.TUNED, 'tolerances.heading_rad')
     distances = ('path',)
     has_lag = False
@@ -151,30 +112,15 @@ class FrenetFormulation(Formulation):
     has_track_centre = False
     terms = cost_terms.FRENET
 
-    def __init__(self, params: ControllerParams, car: Car):
-        super().__init__(params, car, FRENET)
-        self.ocp = symbolic_ocp(*self.size, self.rules)
+    def place(self, path: ReferencePath, x: State) -> State:
+        """Return guessed states with theta of their feet on the path."""
+        return x._replace(theta=frenet_frame.refine(path, x.X, x.Y, x.theta).s)
 
-    def stage_parameters(
-        self, scene: Scene, guess: np.ndarray, car: Car | None = None
-    ) -> StageParameters:
-        """Return the parameters of every stage around guessed states in the map (N + 1, 9)."""
-        constants, numbers = self.on_road(car)
-        params = self.params
-        x = State(*guess.T)
-        s = frenet_frame.refine(scene.path, x.X, x.Y, x.theta).s
-        x = x._replace(theta=s)
-        arcs, v_ref = reference_path.arcs_at(scene.path, s)
-        window = params.surroundings.edge_window_m
-        slots, obstacles = stage_parameters.obstacle_slots(params, FRENET, scene, x)
-        stages = FrenetStage(
-            **constants,
-            kappa=mean_curvatures(arcs),
-            v_ref=v_ref,
-            edges=FRENET.road(scene.road, arcs, x, window),
-            obstacles=slots,
-        )
-        return stage_parameters.to_matrix(stages, obstacles, len(guess), numbers)
+    def own_parameters(
+        self, scene: Scene, x: State, arcs: Arc, v_ref: np.ndarray
+    ) -> dict[str, Any]:
+        """Return the parameters that only these stages have; see `formulation.Formulation`."""
+        return {'kappa': mean_curvatures(arcs), 'v_ref': v_ref}
 
     def to_local(self, plan: Plan, path: ReferencePath) -> Plan:
         """Return a plan in the map (N + 1, 9) in path coordinates (N + 1, 8)."""

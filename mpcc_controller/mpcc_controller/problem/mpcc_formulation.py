@@ -5,8 +5,7 @@ And trajectory tracking, which differs from it in the reference only.
 Everything that may change while driving is a number in `Stage`; the graph is built once.
 """
 
-from collections.abc import Callable, Sequence
-from functools import cache, partial
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -14,26 +13,19 @@ import numpy as np
 
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, Input, State
-from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import arc, distance, reference_path, road_edges
-from mpcc_controller.path.arc import Arc, Pose
+from mpcc_controller.path.arc import Arc
 from mpcc_controller.path.reference_path import ReferencePath
-from mpcc_controller.problem import cost_terms, ocp, stage_parameters
+from mpcc_controller.problem import cost_terms, ocp
 from mpcc_controller.problem.cost_terms import CostTerm, StageQuantities
 from mpcc_controller.problem.distance_frame import FRAMES
 from mpcc_controller.problem.formulation import Formulation
-from mpcc_controller.problem.ocp import (
-    Constraints,
-    Rules,
-    SafetyDistance,
-    SymbolicOcp,
-    VehicleCircles,
-)
-from mpcc_controller.problem.stage_parameters import Scene, StageParameters
+from mpcc_controller.problem.ocp import Constraints, Rules, SafetyDistance, VehicleCircles
+from mpcc_controller.problem.stage_parameters import Scene
 
 # The solver's units: forces in kN, everything else in SI
 SCALE_X = State(X=1, Y=1, psi=1, vx=1, vy=1, r=1, theta=1, delta=1, Fx=1e3)
-LENGTH_ROUNDING = 1e-4  # m^2; 1 cm, keeps the distance to the centre of the track differentiable
+ARC = Arc(*Arc._fields)  # without meaning
 LEAST_EDGE_M = 0.05  # D_sft,E on the narrowest road
 
 
@@ -76,82 +68,45 @@ def constraints(x: State, u: Input, p: Stage) -> Constraints:
     for offset in ocp.track_offsets(p.body):
         point, centre = distance.circle(x, offset, 0.0), arc.pose_at(p.centre, x.theta + offset)
         square = (point.X - centre.X) ** 2 + (point.Y - centre.Y) ** 2
-        beyond.append(ca.sqrt(square + LENGTH_ROUNDING) - room)
+        beyond.append(ca.sqrt(square + ocp.LENGTH_ROUNDING) - room)
     return ocp.constraints(x, u, p, beyond)
-
-
-@cache
-def symbolic_ocp(
-    circles: int, obstacles: int, rules: Rules, name: str, quantities: Callable
-) -> SymbolicOcp:
-    """Return the formulation for vehicle circles and obstacles of the given numbers."""
-    template = Stage(
-        **ocp.common_template(circles, rules),
-        path=Arc(*Arc._fields),
-        v_ref='v_ref',
-        centre=Arc(*Arc._fields),
-        half_width='half_width',
-        edges=rules.frame.edges,
-        obstacles=(rules.frame.disc,) * obstacles,
-    )
-    return SymbolicOcp(
-        name=name,
-        state=State,
-        template=template,
-        scale_x=SCALE_X,
-        rates=lambda x, u, p: single_track.derivative(x, u, p.car),
-        terms=rules.terms,
-        quantities=partial(quantities, rules=rules),
-        constraints=constraints,
-    )
 
 
 class MpccFormulation(Formulation):
     """The paper's MPCC; see `formulation.Formulation`."""
 
+    state, scale_x, stage = State, SCALE_X, Stage
+    template = (('path', ARC), ('centre', ARC), ('half_width', 'half_width'))
+    quantities, constraints = staticmethod(quantities), staticmethod(constraints)
     tuned_weights = (*cost_terms.TUNED, 'tolerances.lag_m')
     distances = tuple(FRAMES)
     has_lag = True
     has_track_centre = True
     integrates_theta = True
     terms: Sequence[CostTerm] = cost_terms.MPCC
-    quantities = staticmethod(quantities)
 
-    def __init__(self, params: ControllerParams, car: Car):
-        super().__init__(params, car, FRAMES[params.formulation.distance])
-        self.ocp = symbolic_ocp(*self.size, self.rules, params.formulation.name, self.quantities)
+    @staticmethod
+    def rates(x: State, u: Input, p: Stage) -> State:
+        """Return dx/dt (paper, eq. 1)."""
+        return single_track.derivative(x, u, p.car)
 
-    def stage_parameters(
-        self, scene: Scene, guess: np.ndarray, car: Car | None = None
-    ) -> StageParameters:
-        """Return the parameters of every stage around guessed states in the map (N + 1, 9)."""
-        constants, numbers = self.on_road(car)
-        params, frame = self.params, self.rules.frame
-        x = State(*guess.T)
-        arcs, _ = reference_path.arcs_at(scene.path, x.theta)
-        reference, v_ref = self.reference(scene.path, x)
-        window = params.surroundings.edge_window_m
-        aligned = bool(params.surroundings.align_track)
+    def own_parameters(
+        self, scene: Scene, x: State, arcs: Arc, v_ref: np.ndarray
+    ) -> dict[str, Any]:
+        """Return the parameters that only these stages have; see `formulation.Formulation`."""
+        window = self.params.surroundings.edge_window_m
+        aligned = bool(self.params.surroundings.align_track)
         track = road_edges.track_beside(scene.road, arcs, window, aligned)
-        slots, obstacles = stage_parameters.obstacle_slots(params, frame, scene, x)
-        if params.safety.fit_edges:
+        reference, v_ref = self.reference(scene.path, x)
+        own = {'path': reference, 'v_ref': v_ref, **track._asdict()}
+        if self.params.safety.fit_edges:
             # where the road is narrow, at most the room beside a car in the middle: a distance that
             # no line keeps would cost wherever the car drives, and to stand before the passage
             # would be cheaper
-            room = track.half_width - constants['body'].edge_radius
-            D_sft = constants['D_sft']
-            edge = np.clip(room, LEAST_EDGE_M, D_sft.e)
-            constants = constants | {'D_sft': D_sft._replace(e=edge)}
-        stages = Stage(
-            **constants,
-            path=reference,
-            v_ref=v_ref,
-            centre=track.centre,
-            half_width=track.half_width,
-            edges=frame.road(scene.road, arcs, x, window),
-            obstacles=slots,
-        )
-        return stage_parameters.to_matrix(stages, obstacles, len(guess), numbers)
+            room = track.half_width - self.constants['body'].edge_radius
+            D_sft = self.constants['D_sft']
+            own['D_sft'] = D_sft._replace(e=np.clip(room, LEAST_EDGE_M, D_sft.e))
+        return own
 
     def reference(self, path: ReferencePath, x: State) -> tuple[Arc, np.ndarray]:
         """Return the arcs of the path and the desired speeds [m/s] of the guessed states `x`."""
@@ -160,10 +115,10 @@ class MpccFormulation(Formulation):
 
 def tracking_quantities(x: State, u: Input | None, p: Stage, rules: Rules) -> StageQuantities:
     """Return what the squared errors are computed from; errors are those to the moving point."""
-    pose = Pose(p.path.X, p.path.Y, p.path.psi)
-    errors = TrackingErrors(arc.contouring_error(pose, x.X, x.Y), arc.lag_error(pose, x.X, x.Y))
+    point = p.path
+    errors = TrackingErrors(arc.contouring_error(point, x.X, x.Y), arc.lag_error(point, x.X, x.Y))
     moving = quantities(x, u, p, rules)
-    return moving._replace(tracking=errors, heading_error=x.psi - pose.psi)
+    return moving._replace(tracking=errors, heading_error=x.psi - point.psi)
 
 
 class TrackingFormulation(MpccFormulation):

@@ -21,6 +21,7 @@ from stage_solver import stage_problem
 from stage_solver.compiled_functions import BufferedFunction
 from stage_solver.stage_problem import MAX_CACHED_PROBLEMS, Plan
 
+LENGTH_ROUNDING = 1e-4  # m^2; 1 cm, keeps the distance to the centre of the track differentiable
 # The solver's units of the inputs: forces in kN, everything else in SI
 SCALE_U = Input(d_delta=1, d_Fx=1e4, lambda_b=1, slack=1)
 
@@ -77,36 +78,14 @@ class Rules(NamedTuple):
     car: Car  # its structure
 
 
-def common_template(circles: int, rules: Rules) -> dict[str, Any]:
-    """Return the stage parameters that every formulation has, by name, without meaning."""
-    kind, limits = cost_terms.weights_type(rules.terms), cost_terms.limits_type(rules.terms)
-    return {
-        'car': rules.car,
-        'weights': kind(*kind._fields),
-        'D_sft': SafetyDistance(*SafetyDistance._fields),
-        'body': VehicleCircles('radius', ('offset',) * circles, 'edge_radius'),
-        'envelope': limits(*limits._fields),
-        'least_speed': 'least_speed',
-    }
-
-
-class Symbols(NamedTuple):
-    """The arguments of a stage's functions, flat and named."""
-
-    flat: tuple  # xs, us, ps
-    x: Any
-    u: Any
-    p: Any
-
-
-def symbols(ocp: SymbolicOcp) -> Symbols:
-    """Return new symbols for the functions of a formulation."""
+def symbols(ocp: SymbolicOcp) -> tuple[tuple[ca.SX, ca.SX, ca.SX], Any, Input, Any]:
+    """Return new symbols of x, u and p of a stage, first flat, then each of them by names."""
     xs, us = ca.SX.sym('x', len(ocp.state._fields)), ca.SX.sym('u', len(Input._fields))
     ps = ca.SX.sym('p', len(named_vector.leaves(ocp.template)))
     x, u = ocp.state(*ca.vertsplit(xs)), Input(*ca.vertsplit(us))
     p = named_vector.build(ocp.template, ca.vertsplit(ps))
     p = p._replace(car=single_track.car_of(ocp.template.car, p.car))
-    return Symbols((xs, us, ps), x, u, p)
+    return (xs, us, ps), x, u, p
 
 
 def constraints(x, u: Input, p, beyond_track: Sequence) -> Constraints:

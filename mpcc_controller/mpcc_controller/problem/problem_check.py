@@ -5,16 +5,15 @@ at some hundred states: on the path and around it, at the limits, and at rest, w
 norm of an error has no derivative. What is not finite there would stop solves while the car drives.
 """
 
-from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.parameters import ControllerParams
-from mpcc_controller.path import reference_path, road_edges
+from mpcc_controller.path import frenet_frame, reference_path, road_edges
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import ocp
 from mpcc_controller.problem.cost_terms import CostTermError
@@ -40,14 +39,6 @@ ROUNDING = 1e-9  # by which a squared error may be below 0
 SHOWN = 5  # quantities in a message
 
 
-class _Function(NamedTuple):
-    """One function of the problem."""
-
-    name: str  # how a message calls it
-    is_cost: bool
-    depends: Sequence[bool]  # whether on each state and input
-
-
 def check(formulation: Formulation, params: ControllerParams) -> None:
     """Raise ParameterError for a function that is not finite, with its derivatives, somewhere.
 
@@ -69,6 +60,7 @@ def check(formulation: Formulation, params: ControllerParams) -> None:
 
 def _check_function(function, names, points, value, gradient, curvature):
     """Raise for the first sample at which a function or a derivative cannot be used."""
+    title, is_cost, depends = function
     sample, what, sign = None, '', ''
     for text, by, table in (
         ('its value is', ('',), value),
@@ -80,29 +72,31 @@ def _check_function(function, names, points, value, gradient, curvature):
             sample = samples[0]
             what = f'{text.format(by[rows[0]])} {table[rows[0], sample]:g}'
             break
-    if sample is None and function.is_cost and value.min() < -ROUNDING:
+    if sample is None and is_cost and value.min() < -ROUNDING:
         sample, what = np.argmin(value), f'its value is {value.min():.4g}'
     if sample is None:
         return
     # the sample by the quantities that the function depends on
     shown = [
         f'{name} = {number:.4g}'
-        for name, number, is_used in zip(names, points[sample], function.depends)
+        for name, number, is_used in zip(names, points[sample], depends)
         if is_used
     ]
     more = [f'{len(shown) - SHOWN} more'] if len(shown) > SHOWN else []
     where = ', '.join(shown[:SHOWN] + more) or 'every state'
-    if function.is_cost:
+    if is_cost:
         sign = '; a squared error must not be negative either'
-    raise (CostTermError if function.is_cost else ParameterError)(
-        f'{function.name}: {what} at {where}; value, first and second derivatives must be '
+    raise (CostTermError if is_cost else ParameterError)(
+        f'{title}: {what} at {where}; value, first and second derivatives must be '
         f'finite wherever the car may be{sign}'
     )
 
 
 @lru_cache(2 * MAX_CACHED_PROBLEMS)
-def _derivatives(symbolic: SymbolicOcp, has_input: bool) -> tuple[list[_Function], Any]:
+def _derivatives(symbolic: SymbolicOcp, has_input: bool) -> tuple[list[tuple], Any]:
     """Return the functions of a stage, and (X, U, P) -> values and derivatives, sample by column.
+
+    Of each function its title, whether it is a cost, and on which states and inputs it depends.
 
     Without an input, of the last stage. The second derivatives are sums of magnitudes: they are
     finite where every element is.
@@ -134,7 +128,7 @@ def _derivatives(symbolic: SymbolicOcp, has_input: bool) -> tuple[list[_Function
         for table, rows in zip(tables, (expression, ca.densify(gradient), curvature)):
             table.append(rows)
         depends = ca.which_depends(expression, variables, 1, False)
-        functions.append(_Function(name, is_cost, depends))
+        functions.append((name, is_cost, depends))
     return functions, ca.Function('check', [xs, us, ps], [ca.vertcat(*rows) for rows in tables])
 
 
@@ -190,9 +184,7 @@ def _samples(params: ControllerParams, path: ReferencePath) -> tuple[np.ndarray,
     random = np.random.default_rng(0).uniform(lowest, highest, (RANDOM_STATES, len(names)))
     quantities = dict(zip(names, np.vstack((at_rest[None], alone, random)).T))
     arcs, _ = reference_path.arcs_at(path, quantities['theta'])
-    beside = quantities['beside']
-    quantities['X'] = arcs.X - beside * np.sin(arcs.psi)
-    quantities['Y'] = arcs.Y + beside * np.cos(arcs.psi)
+    quantities['X'], quantities['Y'], _ = frenet_frame.offset_left(arcs, quantities['beside'])
     quantities['psi'] = quantities['psi'] + arcs.psi
     states, inputs = ([quantities[name] for name in kind._fields] for kind in (State, Input))
     return np.column_stack(states), np.column_stack(inputs)

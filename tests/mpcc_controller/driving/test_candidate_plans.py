@@ -153,7 +153,7 @@ def controller(several, world):
 def explorer(exploring, world):
     """Return a controller that drives at 20 m/s and explores after its commands."""
     world.set_inputs(exploring, world.straight(left=6.0, right=-2.5))
-    exploring.set_last_command(exploring.last_command._replace(stamp_ns=0))
+    exploring.set_last_command(exploring.memory.last._replace(stamp_ns=0))
     pop_up(exploring, FAR)
     roll(exploring, world, 3)
     return exploring
@@ -167,7 +167,7 @@ def roll(controller, world, ticks):
     """Drive straight on for some ticks; return the reports."""
     whys = []
     for _ in range(ticks):
-        stamp_ns = controller.last_command.stamp_ns + TICK
+        stamp_ns = controller.memory.last.stamp_ns + TICK
         x = world.rolling(stamp_ns=stamp_ns, X=20.0 * stamp_ns / 1e9)
         whys.append(world.tick(controller, x)[2])
         controller.prepare()
@@ -331,7 +331,7 @@ def test_after_the_first_tick_new_guesses_are_solved_after_the_command(
 
 def test_braking_drops_kept_plans_and_guesses_that_were_put_off(explorer, world):
     pop_up(explorer, BESIDE, FAR)
-    stamp_ns = explorer.last_command.stamp_ns + TICK
+    stamp_ns = explorer.memory.last.stamp_ns + TICK
     world.tick(explorer, world.rolling(stamp_ns=stamp_ns, X=20.0 * stamp_ns / 1e9))
     assert explorer.memory.candidacy.postponed
     braked, decision = planner.brake(explorer.memory, 'test')
@@ -344,21 +344,6 @@ def test_braking_drops_kept_plans_and_guesses_that_were_put_off(explorer, world)
 
 LIMIT_S = 0.02
 PATIENCE_S = 10.0  # for other candidates, of real time: the machine may be busy
-
-
-class TimedSolver:
-    """A solver that notes the time limit of each solve."""
-
-    def __init__(self, inner):
-        self.inner, self.limit_s, self.limits_s = inner, None, []
-
-    def set_time_limit(self, seconds):
-        self.limit_s = seconds
-        self.inner.set_time_limit(10.0)  # the machine may be busy
-
-    def solve(self, *arguments):
-        self.limits_s.append(self.limit_s)
-        return self.inner.solve(*arguments)
 
 
 class HangingSolver:
@@ -387,8 +372,9 @@ def timed(world):
     )  # fmt: skip
     controller = Controller(*settings, True, world.Clock())
     solvers = controller.parts.solvers
-    solvers.followed, solvers.sliding = TimedSolver(solvers.followed), TimedSolver(solvers.sliding)
-    solvers.parallel.solvers = [TimedSolver(solver) for solver in solvers.parallel.solvers]
+    for name in ('followed', 'sliding'):
+        setattr(solvers, name, world.ModifiedSolver(getattr(solvers, name)))
+    solvers.parallel.solvers = [world.ModifiedSolver(s) for s in solvers.parallel.solvers]
     world.set_inputs(controller, world.straight(left=6.0, right=-2.5))
     pop_up(controller)
     return controller
@@ -454,7 +440,7 @@ def test_other_candidates_that_do_not_return_hold_no_tick(timed, world):
 def test_late_candidates_are_dropped_the_first_way_last_then_the_plan_that_brakes(
     timed, world, build_s, built
 ):
-    parts, scene, now = timed.parts, world.scene(world.straight()), timed.active_ramp.end
+    parts, scene, now = timed.parts, world.scene(world.straight()), timed.memory.ramp.end
     x = world.rolling()
     _, x0 = path_progress.initial_state(Progress(), x, now, scene, None, parts.params)
     guess = guesses.from_recovery(x0, scene.path, timed.car, parts.model.step, parts.params)

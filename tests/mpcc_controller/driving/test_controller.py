@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from mpcc_controller.driving import planner, setpoints
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.delay_compensation import expected_delay
-from mpcc_controller.driving.records import Arrival, TickInputs
+from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
@@ -96,11 +96,11 @@ def test_hard_braking_above_the_least_speed_and_a_car_off_the_road_are_solvable(
 
 def test_a_restart_cuts_the_set_points_of_the_actuators_to_the_limits(controller):
     controller.reset(Actuators(0, 0.6, 0.0, 3000.0, -1000.0, (0.0,) * 4))
-    assert controller.last_command.delta == pytest.approx(controller.params.limits.steer_rad)
-    assert controller.last_command[3:] == (0, 0)
+    assert controller.memory.last.delta == pytest.approx(controller.params.limits.steer_rad)
+    assert controller.memory.last[3:] == (0, 0)
     controller.reset(Actuators(0, 0.05, 0.0, -12e3, -8e3, (0.0,) * 4))
     brake_n = controller.params.limits.brake_n
-    assert controller.last_command[1:] == pytest.approx((0.05, 0.0, -0.6 * brake_n, -0.4 * brake_n))
+    assert controller.memory.last[1:] == pytest.approx((0.05, 0.0, -0.6 * brake_n, -0.4 * brake_n))
 
 
 def test_an_invalid_path_or_edge_is_rejected_and_the_old_one_kept(controller, world):
@@ -277,7 +277,7 @@ def test_after_the_warm_up_the_commands_are_those_of_a_controller_that_did_not_w
     assert sum(record.attempt.choice is not None for record in records) >= 3
     assert all(solver.solutions for solver in solvers)
     assert all(record.attempt.choice is None for record in records[-5:])
-    assert (warm.last_command, warm.memory.ramps) == (cold.last_command, cold.memory.ramps)
+    assert (warm.memory.last, warm.memory.ramps) == (cold.memory.last, cold.memory.ramps)
     assert warm.scene is before
     runs = [world.drive(controller, 12) for controller in (warm, cold)]
     assert runs[0].commands == runs[1].commands
@@ -343,7 +343,7 @@ def test_a_mirrored_road_mirrors_the_steering(either, world):
 def test_times_of_receiving_and_publishing_are_reported_where_they_are_known(controller, world):
     *_, why = world.tick(controller, world.rolling(stamp_ns=TICK))
     assert not {'time.publish_ms', 'time.heard_ns', 'time.wait_ms'} & why.values.keys()
-    known = {'arrival': Arrival(received_ns=77, wait_s=0.002), 'publish_s': 0.004}
+    known = {'received_ns': 77, 'wait_s': 0.002, 'publish_s': 0.004}
     *_, why = world.tick(controller, world.rolling(X=1.0, stamp_ns=2 * TICK), **known)
     times = [why.values[f'time.{name}'] for name in ('heard_ns', 'wait_ms', 'publish_ms')]
     assert times == pytest.approx([77, 2.0, 4.0])

@@ -110,7 +110,7 @@ def test_the_plan_starts_at_the_state_at_which_its_command_takes_effect(realtime
 
 def test_after_an_early_state_the_last_setpoint_is_reached_first(realtime, world):
     command, *_ = world.tick(realtime, world.rolling(X=10.0, v=18.0, stamp_ns=TICK))
-    ramp = realtime.active_ramp
+    ramp = realtime.memory.ramp
     assert ramp[:2] == (TICK + 9 * MS, (0.0, 0.0))
     assert ramp[2:4] == (2 * TICK, (command.delta, command.Fxf + command.Fxr))
     for ms, lead_ms in ((30, 20.0), (31, 49.0)):
@@ -118,7 +118,7 @@ def test_after_an_early_state_the_last_setpoint_is_reached_first(realtime, world
         assert world.tick(realtime, early)[2].values['time.lead_ms'] == pytest.approx(lead_ms)
     assert not realtime.memory.rejections
     realtime.reset(Actuators(0, 0.02, 0.0, -600.0, -400.0, (0.0,) * 4))
-    assert realtime.active_ramp.at(0) == realtime.active_ramp.end == (0.02, -1000.0)
+    assert realtime.memory.ramp.at(0) == realtime.memory.ramp.end == (0.02, -1000.0)
 
 
 def test_a_drive_continues_from_another_command_than_the_last_one(controller, world):
@@ -126,9 +126,9 @@ def test_a_drive_continues_from_another_command_than_the_last_one(controller, wo
         world.tick(controller, world.rolling(X=10.0 + k, stamp_ns=k * TICK))
     before, other = controller.memory.ramps, Command(2 * TICK, 0.02, 0.0, -600.0, -400.0)
     controller.set_last_command(other)
-    assert controller.last_command == other
+    assert controller.memory.last == other
     assert controller.memory.ramps[:-1] == before[:-1] != ()
-    ramp = controller.active_ramp
+    ramp = controller.memory.ramp
     assert (ramp.end, ramp.lambda_b) == ((0.02, -1000.0), 0.6)
     assert ramp[:3] == before[-1][:3]
 
@@ -162,7 +162,7 @@ def test_every_command_on_its_way_is_in_the_prediction_however_many_there_are(es
         record = late.step(TickInputs(x))
         state = late.parts.friction.filtered(late.memory.friction, x)  # these look like noise
         assert record.state == predict(state, sent, x.stamp_ns + 200 * MS, late.car)
-        sent.append(late.active_ramp)
+        sent.append(late.memory.ramp)
     assert abs(sent[-1].end.delta) > 0.01  # so that what is on its way matters
     first_ns = x.stamp_ns - 50 * MS  # that the estimate of the friction looks back
     longest_ns = x.stamp_ns - round(1e3 * late.parts.actuators.memory_s) * MS

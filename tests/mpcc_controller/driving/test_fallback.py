@@ -145,14 +145,6 @@ TestLadder.settings = settings(
 )
 
 
-@pytest.mark.parametrize('solved', [GOOD[0][0], BAD[0][0]])
-def test_no_plan_with_an_objection_is_followed_whatever_level_it_is_from(solved):
-    plans, _ = Plans().decide(RULES, GOOD[0][0], None)
-    shifted = Plan(plans.plan.X + 1, plans.plan.U)
-    _, decision = plans.decide(RULES, solved, shifted, False, lambda plan: 'plan_touches')
-    assert decision == (BRAKING, 'plan_touches', None)
-
-
 # in the controller: each row forces a level by what the solver does or what the tick is given
 
 
@@ -274,7 +266,7 @@ def test_the_least_speed_has_a_hysteresis_and_the_braking_car_steers_and_reports
             assert answer.command.delta != 0
             gap = np.hypot(60.3 - 72.0, 2.0 - 1.5) - 1.0 - 1.1
             assert answer.why.values['v2o.1'] == pytest.approx(gap, abs=1e-5)
-            begin = controller.active_ramp.begin.delta
+            begin = controller.memory.ramp.begin.delta
             assert answer.why.values['set_point.delta'] == begin
     assert [d[0] for d in decisions] == [SOLVED, BRAKING, BRAKING, BRAKING, SOLVED]
     assert decisions[1] == (BRAKING, 'too_slow', 'plan')
@@ -325,7 +317,7 @@ def test_a_command_that_the_gate_rejects_is_replaced_by_braking_along_the_path(c
     assert (answer.why.level, len(answer.prediction.X)) == (2, 1)
     assert answer.force < before.force
     assert answer.command.delta > before.command.delta  # back to the path
-    assert controller.last_command == answer.command
+    assert controller.memory.last == answer.command
 
 
 def test_after_a_second_rejection_the_last_command_is_held(step, monkeypatch):
@@ -347,7 +339,7 @@ def test_a_command_out_of_time_neither_releases_the_brakes_nor_costs_the_plan(
     step(2)
     assert step(2, X=28.0).why.values['gate'] == 'not_newer'  # the same stamp again
     assert controller.memory.rejections == {'too_old': 1, 'not_newer': 1}
-    held = controller.last_command
+    held = controller.memory.last
     after = step(4)
     assert after.why.values['set_point.delta'] == held.delta  # the plan begins at the substitute
     assert (after.decision[0], after.why.values['solver.warm']) == (SOLVED, True)

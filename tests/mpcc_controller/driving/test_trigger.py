@@ -18,31 +18,31 @@ def either(request):
 @pytest.fixture
 def lockstep():
     started = trigger.make('lockstep', 0.05)
-    started.on_actuators(START)
+    started.actuators = START
     return started
 
 
 @pytest.fixture
 def realtime():
     started = trigger.make('realtime', 0.05)
-    started.on_actuators(START)
+    started.actuators = START
     return started
 
 
 def receive(started, stamp):
     """Return what is due after state and obstacles of an instant."""
     started.on_state(stamp)
-    started.on_obstacles(stamp)
+    started.obstacles = stamp
     return started.due()
 
 
 def test_lockstep_waits_for_obstacles_of_the_same_instant_in_either_order(lockstep):
     assert lockstep.on_state(START)
-    lockstep.on_obstacles(START - TICK)
+    lockstep.obstacles = START - TICK
     assert lockstep.due() == NOTHING
-    lockstep.on_obstacles(START)
+    lockstep.obstacles = START
     assert lockstep.due() == FIRST
-    lockstep.on_obstacles(START + TICK)
+    lockstep.obstacles = START + TICK
     assert lockstep.due() == NOTHING
     lockstep.on_state(START + TICK)
     assert lockstep.due() == STEP
@@ -56,7 +56,7 @@ def test_lockstep_answers_later_states_with_their_actuators_where_these_come(loc
         if comes and k:
             assert lockstep.waits_for_actuators
             assert due == NOTHING
-            lockstep.on_actuators(START + k * TICK)
+            lockstep.actuators = START + k * TICK
             due = lockstep.due()
         assert not lockstep.waits_for_actuators
         assert due == (STEP if k else FIRST)
@@ -73,7 +73,7 @@ def test_lockstep_ignores_states_between_ticks_and_repeats_the_answer_to_a_repea
 def test_when_time_goes_back_the_controller_restarts(lockstep):
     receive(lockstep, START)
     receive(lockstep, START + TICK)
-    lockstep.on_actuators(START)
+    lockstep.actuators = START
     assert receive(lockstep, START) == FIRST
 
 
@@ -93,7 +93,7 @@ def test_realtime_answers_the_first_state_of_each_tick_and_none_that_is_late(rea
 def test_realtime_takes_actuators_of_about_the_time_of_the_first_state(realtime):
     realtime.on_state(START + TICK + MS)
     assert realtime.due() == NOTHING
-    realtime.on_actuators(START + MS)
+    realtime.actuators = START + MS
     assert realtime.due() == FIRST
 
 
@@ -107,7 +107,7 @@ def test_after_a_command_without_a_state_the_next_one_starts_from_fresh_actuator
     assert not realtime.on_state(START + 4 * TICK + 2 * MS)
     assert realtime.on_state(START + 5 * TICK)
     assert realtime.due() == NOTHING
-    realtime.on_actuators(START + 5 * TICK)
+    realtime.actuators = START + 5 * TICK
     assert realtime.due() == FIRST
 
 
@@ -116,6 +116,6 @@ def test_at_a_start_and_after_a_break_the_trigger_waits_for_new_actuators(either
     for k in (0, 1):
         stamp = START + k * TICK
         assert receive(either, stamp) == NOTHING
-        either.on_actuators(stamp)
+        either.actuators = stamp
         assert either.due() == FIRST
         either.on_lost(stamp) if end == 'lost' else either.restart()

@@ -17,7 +17,7 @@ from mpcc_controller.model.single_track import State
 from mpcc_controller.path import reference_path
 from mpcc_controller.problem import stage_parameters
 from mpcc_controller.problem.obstacle_motion import PredictedObstacle
-from stage_solver.stage_problem import Plan
+from stage_solver.stage_problem import Plan, shift
 from vehicle_plant import parameters as plant_parameters
 from vehicle_plant.initial_state import Start
 from vehicle_plant.simulator import Simulator
@@ -243,7 +243,7 @@ def test_a_car_stops_where_the_braking_guess_promises(world, v):
 def test_theta_of_a_shifted_plan_starts_at_the_new_foot(car):
     foot = State(1.1, 0.2, 0.0, 19.9, 0.0, 0.0, 1.4, 0.01, -10.0)
     plan = Plan(straight_line(4.0, 20.0, stages=5), np.zeros((4, 4)))
-    moved = guesses.shift_to(plan, single_track.step(STEP_S), car, foot)
+    moved = guesses.start_at(shift(plan, single_track.step(STEP_S), np.array(car)), foot)
     states = State(*moved.X.T)
     assert tuple(moved.X[0]) == foot
     assert states.theta == pytest.approx([1.4, 2.4, 3.4, 4.4, 5.4], abs=1e-2)

@@ -9,6 +9,7 @@ from mpcc_controller.model.single_track import State
 from mpcc_controller.problem.obstacle_motion import PredictedObstacle
 from msgs_yaml.types import Obstacles
 from stage_solver.solution import SOLVED
+from stage_solver.stage_problem import shift
 
 DT = 0.05
 START = State(0.0, 0.0, 0.0, 20.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -35,7 +36,7 @@ def test_a_drive_past_an_obstacle_stays_warm_and_as_cheap_as_fatrop(pose, road):
     solution, motion, car = posed.solve(), single_track.step(DT), posed.form.car
     for _ in range(12):
         x0 = State(*solution.plan.X[1])
-        guess = guesses.shift_to(solution.plan, motion, car, x0)
+        guess = guesses.start_at(shift(solution.plan, motion, np.array(car)), x0)
         posed = pose(x0, scene=road, guess=guess)
         solution = posed.solve()
         assert solution.status == SOLVED
