@@ -10,17 +10,14 @@ import argparse
 import dataclasses
 import time
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from bags.evaluation import metrics
 from experiments import simulation
-from vehicle_plant import parameters
-from vehicle_plant.manoeuvre import MANOEUVRES
-from vehicle_plant.manoeuvres import procedure, settings
-from vehicle_plant.manoeuvres.procedure import Case
+from vehicle_plant import manoeuvres, parameters
+from vehicle_plant.manoeuvres import Case, Driven
 from vehicle_plant.multi_body import equations
 
 PLANTS = {'double track': 'bmw_320i.yaml', 'multi-body': 'commonroad_320i.yaml'}
@@ -66,14 +63,6 @@ WITHOUT = {
 }
 
 
-class Driven(NamedTuple):
-    """A manoeuvre as one plant drives it."""
-
-    numbers: dict
-    runs: tuple
-    trajectories: list
-
-
 def perform(names: tuple[str, ...]) -> dict[str, dict[str, Driven]]:
     """Return the manoeuvres by name and plant."""
     return {name: {plant: _perform(name, car) for plant, car in PLANTS.items()} for name in names}
@@ -81,10 +70,7 @@ def perform(names: tuple[str, ...]) -> dict[str, dict[str, Driven]]:
 
 def _perform(name, car):
     plant = parameters.load(parameters.config_file(car))
-    case, manoeuvre = Case(plant, 1.0, settings.load()), MANOEUVRES[name]
-    runs = manoeuvre.runs(case)
-    trajectories = [procedure.drive(run, case) for run in runs]
-    return Driven(manoeuvre.numbers(case, runs, trajectories), runs, trajectories)
+    return manoeuvres.perform(name, Case(plant, 1.0, manoeuvres.load_settings()))
 
 
 def manoeuvre_table(driven: dict[str, dict[str, Driven]]) -> str:
@@ -130,11 +116,11 @@ def draw(driven: dict[str, dict[str, Driven]]) -> Figure:
     figure = Figure(figsize=(11, 7), layout='constrained')
     (circle, step), (braking, dwell) = figure.subplots(2, 2)
     for plant in PLANTS:
-        (track,) = driven['steady_circle'][plant].trajectories
+        (track,) = driven['steady_circle'][plant].tracks
         steer = np.degrees(track.column('servos.steer.position'))
         circle.plot(steer, track.column('acceleration.ay'), label=plant)
-        (track,) = driven['step_steer'][plant].trajectories
-        t = procedure.times(track) - 1.0
+        (track,) = driven['step_steer'][plant].tracks
+        t = manoeuvres.times(track) - 1.0
         (line,) = step.plot(t, np.degrees(track.column('planar.r')), label=f'{plant}: yaw rate')
         step.plot(
             t,
@@ -143,14 +129,14 @@ def draw(driven: dict[str, dict[str, Driven]]) -> Figure:
             color=line.get_color(),
             label='2 x lateral acceleration',
         )
-        track = driven['turn_braking'][plant].trajectories[-3]
-        braking.plot(procedure.times(track), np.degrees(track.column('planar.r')), label=plant)
+        track = driven['turn_braking'][plant].tracks[-3]
+        braking.plot(manoeuvres.times(track), np.degrees(track.column('planar.r')), label=plant)
         runs = driven['sine_with_dwell'][plant]
         for amplitude, style in ((3, '-'), (6, '--')):
-            track = runs.trajectories[amplitude]
+            track = runs.tracks[amplitude]
             label = f'{plant}: {runs.runs[amplitude].label}'
             dwell.plot(
-                procedure.times(track),
+                manoeuvres.times(track),
                 np.degrees(track.column('planar.r')),
                 style,
                 color=line.get_color(),

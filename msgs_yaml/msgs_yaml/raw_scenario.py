@@ -10,7 +10,6 @@ The readers return None for every message that violates the contract or is laid 
 """
 
 import struct
-from typing import NamedTuple
 
 import numpy as np
 
@@ -42,9 +41,15 @@ _POSE_PATHS = *(f'{_POSITION}.{a}' for a in 'xyz'), *(f'{_ORIENTATION}.{a}' for 
 _EXACT_NS = 2**53  # longer durations are no exact double
 SIDES = ('left', 'right')
 _LINE_STRIP, _ADD = 4, 0
-_KIND = struct.Struct('<iii')  # id, type, action
-_POSE_AND_SCALE, _COLOR_AND_LIFETIME = 10 * 8, 4 * 4 + 8  # bytes
-_COLOR, _UV = 4 * 4, 2 * 4
+# the fields of a visualization_msgs/Marker in order, by the letters of `struct`; `*`: a sequence
+_MARKER = (
+    *(('stamp', 'iI'), ('frame', '*s'), ('ns', '*s'), ('kind', '3i'), ('pose and scale', '10d')),
+    *(('color', '4f'), ('lifetime', 'iI'), ('frame_locked', '?'), ('points', '*3d')),
+    *(('colors', '*4f'), ('texture_resource', '*s'), ('texture stamp', 'iI')),
+    *(('texture frame', '*s'), ('texture format', '*s'), ('texture data', '*B')),
+    *(('uv_coordinates', '*2f'), ('text', '*s'), ('mesh_resource', '*s'), ('mesh_file', '*s')),
+    *(('mesh data', '*B'), ('mesh_use_embedded_materials', '?')),
+)
 _UINT32 = struct.Struct('<I')
 
 
@@ -120,49 +125,39 @@ def _nanoseconds(stamps):
     return stamps['sec'].astype(np.int64) * NS_PER_S + stamps['nanosec']
 
 
-class _Line(NamedTuple):
-    """The fields of a serialised marker that matter for a road edge."""
-
-    stamp_offset: int  # in the message
-    sec: int  # of its stamp
-    stamp_ns: int
-    frame: str
-    ns: str
-    type: int
-    action: int
-    points: np.ndarray  # (n, 3) m
-
-
 def read_road_edges(raw: bytes) -> RoadEdges | None:
     """Return what `decode.road_edges` returns of the message, to the last bit; None as above."""
-    lines, topic = _lines(raw), contract.load().topics[ROAD_EDGES]
-    if lines is None or {line.ns for line in lines} != set(SIDES):
+    markers, topic = _markers(raw), contract.load().topics[ROAD_EDGES]
+    if markers is None or {marker['ns'] for marker in markers} != set(SIDES):
         return None
-    allowed, first_ns = topic.sizes['markers[*].points'], lines[0].stamp_ns
-    for line in lines:
+    allowed, sides, stamps_ns = topic.sizes['markers[*].points'], {}, set()
+    for marker in markers:
+        sec, nanosec = marker['stamp']
+        stamps_ns.add(sec * NS_PER_S + nanosec)
         # nanoseconds may be more than a second
-        if line.sec < 0 or not line.stamp_ns == first_ns > 0 or line.frame != topic.frame:
+        if sec < 0 or stamps_ns == {0} or len(stamps_ns) > 1 or marker['frame'] != topic.frame:
             return None
-        if (line.type, line.action) != (_LINE_STRIP, _ADD):
+        if marker['kind'][1:] != (_LINE_STRIP, _ADD):
             return None
-        if not allowed.low <= len(line.points) <= allowed.high:
+        points = np.frombuffer(marker['points'], '<f8').reshape(-1, 3)
+        if not allowed.low <= len(points) <= allowed.high:
             return None
-    sides = {line.ns: np.ascontiguousarray(line.points[:, :2]) for line in lines}
+        sides[marker['ns']] = np.ascontiguousarray(points[:, :2])
     for side, points in sides.items():
         numbers = {f'markers[{side}].points[*].{a}': x for a, x in zip('xy', points.T)}
         if not conformance.obeys(ROAD_EDGES, numbers).all():
             return None
-    return RoadEdges(first_ns, sides['left'], sides['right'])
+    return RoadEdges(*stamps_ns, sides['left'], sides['right'])
 
 
 def restamp_road_edges(raw: bytes, stamp_ns: int) -> bytes:
     """Return serialised edges under another stamp; raise ValueError if the layout is another."""
-    lines = _lines(raw)
-    if lines is None:
+    markers = _markers(raw)
+    if markers is None:
         raise ValueError(f'{len(raw)} bytes are no serialised {ROAD_EDGES}')
     buffer = bytearray(raw)
-    for line in lines:
-        STAMP_STRUCT.pack_into(buffer, line.stamp_offset, *conversions.split_stamp(stamp_ns))
+    for marker in markers:
+        STAMP_STRUCT.pack_into(buffer, marker['begin'], *conversions.split_stamp(stamp_ns))
     return bytes(buffer)
 
 
@@ -192,84 +187,50 @@ _RESTAMP = {
 }
 
 
-def _lines(raw):
-    """Return the two markers of a message; None if it does not consist of these."""
-    try:
-        reader = _Reader(raw)
-        if reader.count() != len(SIDES):
-            return None
-        return [_read_line(reader) for _ in SIDES]
-    except ValueError:
+def _markers(raw):
+    """Return the fields of the two markers of a message; None if it does not consist of these.
+
+    Each has its place in `begin`; strings are decoded, other sequences are bytes.
+    """
+    begin = len(ENCAPSULATION) + _UINT32.size
+    if raw[:begin] != ENCAPSULATION + _UINT32.pack(len(SIDES)):
         return None
+    markers = []
+    try:
+        for _ in SIDES:
+            marker, begin = _read_marker(raw, begin)
+            markers.append(marker)
+    except (ValueError, struct.error):
+        return None
+    return markers
 
 
-def _read_line(reader):
-    stamp_offset = reader.align(4)
-    sec, nanosec = reader.unpack(STAMP_STRUCT, 4)
-    frame, ns = reader.text(), reader.text()
-    _, kind, action = reader.unpack(_KIND, 4)
-    reader.skip(_POSE_AND_SCALE, 8)
-    reader.skip(_COLOR_AND_LIFETIME, 4)
-    reader.boolean()  # frame_locked
-    count = reader.count()
-    begin = reader.skip(24 * count, 8)
-    points = np.frombuffer(reader.raw, '<f8', 3 * count, begin).reshape(-1, 3)
-    reader.skip(_COLOR * reader.count(), 4)
-    reader.text()  # texture_resource
-    reader.skip(STAMP_STRUCT.size, 4)  # texture
-    reader.text()
-    reader.text()
-    reader.skip(reader.count())
-    reader.skip(_UV * reader.count(), 4)  # uv_coordinates
-    reader.text()  # text
-    reader.text()  # mesh_resource
-    reader.text()  # mesh_file
-    reader.skip(reader.count())
-    reader.boolean()  # mesh_use_embedded_materials
-    stamp_ns = sec * NS_PER_S + nanosec
-    return _Line(stamp_offset, sec, stamp_ns, frame, ns, kind, action, points)
+def _read_marker(raw, offset):
+    """Return the fields of a marker and the offset behind it; raise ValueError for other bytes."""
 
+    def aligned(size):
+        return offset + -(offset - len(ENCAPSULATION)) % size
 
-class _Reader:
-    """Reads a serialised message from its start; raises ValueError for other bytes."""
-
-    def __init__(self, raw):
-        if raw[: len(ENCAPSULATION)] != ENCAPSULATION:
-            raise ValueError('the message is not little-endian CDR')
-        self.raw = raw
-        self._offset = len(ENCAPSULATION)
-
-    def align(self, size):
-        """Advance to the next multiple of `size`; return the offset."""
-        self._offset += -(self._offset - len(ENCAPSULATION)) % size
-        return self._offset
-
-    def skip(self, size, alignment=1):
-        """Advance by so many bytes, aligned unless 0; return the offset of the first."""
-        begin = self.align(alignment) if size else self._offset
-        if begin + size > len(self.raw):
-            raise ValueError(f'the message ends at byte {len(self.raw)}')
-        self._offset = begin + size
-        return begin
-
-    def unpack(self, form, alignment):
-        return form.unpack_from(self.raw, self.skip(form.size, alignment))
-
-    def count(self):
-        """Return the length of a sequence."""
-        return self.unpack(_UINT32, _UINT32.size)[0]
-
-    def text(self):
-        """Return a string; raise ValueError if it has no closing zero or is no UTF-8."""
-        size = self.count()
-        begin = self.skip(size)
-        encoded = bytes(self.raw[begin : begin + size])
-        if encoded[-1:] not in (b'', b'\x00'):
-            raise ValueError(f'the string at byte {begin} has no closing zero')
-        return encoded[:-1].decode()
-
-    def boolean(self):
-        """Advance by a truth; raise ValueError for another number."""
-        value = self.raw[self.skip(1)]
-        if value > 1:
-            raise ValueError(f'{value} is no boolean')
+    marker = {'begin': aligned(STAMP_STRUCT.size // 2)}
+    for name, form in _MARKER:
+        count, element = 1, struct.Struct(f'<{form.removeprefix("*")}')
+        if form.startswith('*'):
+            offset = aligned(_UINT32.size)
+            (count,) = _UINT32.unpack_from(raw, offset)
+            offset += _UINT32.size
+        begin = aligned(struct.calcsize(form[-1])) if count else offset
+        offset = begin + count * element.size
+        if offset > len(raw):
+            raise ValueError(f'the message ends at byte {len(raw)}')
+        if form == '*s':
+            text = bytes(raw[begin:offset])
+            if text[-1:] not in (b'', b'\x00'):
+                raise ValueError(f'the string at byte {begin} has no closing zero')
+            marker[name] = text[:-1].decode()
+        elif form.startswith('*'):
+            marker[name] = raw[begin:offset]
+        else:
+            marker[name] = element.unpack_from(raw, begin)
+        if form == '?' and raw[begin] > 1:
+            raise ValueError(f'{raw[begin]} is no boolean')
+    return marker, offset

@@ -15,7 +15,9 @@ from rclpy.parameter import Parameter
 from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
+    LivelinessPolicy,
     QoSCompatibility,
+    QoSProfile,
     ReliabilityPolicy,
     qos_check_compatible,
 )
@@ -35,7 +37,8 @@ TOPICS = contract.load().topics
 STATE_TOPIC, OBSTACLES, COMMAND = '/vehicle/odometry', '/scenario/obstacles', '/controller/command'
 STATE = decode.odometry(load_example(STATE_TOPIC))
 RING = {OBSTACLES: 1}
-DEFAULT_QOS = 10  # of rclpy: reliable, volatile, the last ten messages, no deadline
+# of rclpy: reliable, volatile, the last ten messages, no deadline
+BY_DEFAULT = QoSProfile(depth=10, liveliness=LivelinessPolicy.AUTOMATIC)
 
 
 def test_every_policy_is_converted_and_keep_all_needs_no_depth():
@@ -59,8 +62,14 @@ def test_observers_and_our_subscriptions_match_what_is_published(topic, mode):
     compatibility, reason = qos_check_compatible(offered, observer)
     assert compatibility != QoSCompatibility.ERROR, reason
     requested = ros.to_qos_profile(TOPICS[topic].requested_qos(mode))
-    compatibility, reason = qos_check_compatible(offered, requested)
-    assert compatibility == QoSCompatibility.OK, reason
+    pairs = [(offered, requested)]
+    if mode == 'realtime' and TOPICS[topic].rate_hz[mode]:  # programs of others are heard, and hear
+        pairs.append((BY_DEFAULT, requested))
+        if topic in (COMMAND, '/scenario/reference', OBSTACLES):
+            pairs.append((offered, BY_DEFAULT))
+    for ours, theirs in pairs:
+        compatibility, reason = qos_check_compatible(ours, theirs)
+        assert compatibility == QoSCompatibility.OK, reason
 
 
 class Params(Struct):
@@ -133,24 +142,6 @@ def pair(request, domain, defaults):
 
 
 both_modes = pytest.mark.parametrize('pair', contract.MODES, indirect=True)
-on_the_wall_clock = pytest.mark.parametrize('pair', ['realtime'], indirect=True)
-
-
-@on_the_wall_clock
-def test_publishers_and_subscribers_with_the_default_qos_are_heard_and_hear(pair):
-    for topic in (topic.name for topic in TOPICS.values() if topic.rate_hz['realtime']):
-        received, name = [], ros.relative_name(topic)
-        pub = pair.sender.create_publisher(ros.message_type(topic), name, DEFAULT_QOS)
-        ros.subscribe(pair.receiver, topic, received.append)
-        pair.until(pub.get_subscription_count)
-        pair.deliver(pub, received, load_example(topic))
-    for topic in (COMMAND, '/scenario/reference', OBSTACLES):
-        received, pub = [], ros.publisher(pair.sender, topic)
-        kind, name = ros.message_type(topic), ros.relative_name(topic)
-        before = pub.get_subscription_count()
-        pair.receiver.create_subscription(kind, name, received.append, DEFAULT_QOS)
-        pair.until(lambda pub=pub, before=before: pub.get_subscription_count() > before)
-        pair.deliver(pub, received, load_example(topic))
 
 
 @both_modes
@@ -224,16 +215,6 @@ def test_whole_numbers_and_lists_override_doubles_and_an_unknown_override_stops_
 def params_file(path, node, values):
     path.write_text(yaml.safe_dump({node: {'ros__parameters': values}}))
     return ['--params-file', str(path)]
-
-
-def test_a_parameter_file_with_a_base_overrides_the_file_that_it_names(pair, tmp_path):
-    text = '/**: {ros__parameters: {base: node.yaml, gain: 4.0, loud: false}}'
-    (tmp_path / 'quiet.yaml').write_text(text)
-    for base, gain in (('quiet.yaml', 4.0), (str(tmp_path / 'quiet.yaml'), 4.0), ('', 2.0)):
-        arguments = params_file(tmp_path / 'small.yaml', '/**', {'base': base, 'count': 5})
-        node = pair.make('third', arguments)
-        assert node.params == Params(gain, 5, (1.0, 2.0), not base, None)
-        assert node.get_parameter('base').value == base
 
 
 def test_a_node_restarts_from_the_output_of_ros2_param_dump(pair, tmp_path):

@@ -102,36 +102,6 @@ def test_mistake_is_named_with_line_key_and_what_is_allowed(make, tree, mistake)
     assert 'allowed' in str(caught.value) or 'nothing could' in str(caught.value)
 
 
-def every_key(tree, prefix=''):
-    for name, inside in tree.items():
-        yield f'{prefix}{name}'
-        if isinstance(inside, dict):
-            yield from every_key(inside, f'{prefix}{name}.')
-
-
-def test_every_key_is_missed_by_its_name(make, tree):
-    for key in every_key(tree):
-        corrupted = copy.deepcopy(tree)
-        block = corrupted
-        *path, last = key.split('.')
-        for step in path:
-            block = block[step]
-        del block[last]
-        with pytest.raises(ScenarioError) as caught:
-            make(corrupted)
-        assert last in str(caught.value)
-
-
-def test_line_of_a_mistake_is_the_line_in_the_file_and_a_key_is_given_once(make, text):
-    corrupted = text.replace('friction: 1.0', 'friction: 9.0')
-    number = corrupted[: corrupted.index('friction')].count('\n') + 1
-    with pytest.raises(ScenarioError, match=rf'^bend.yaml:{number}: friction: '):
-        make(corrupted)
-    with pytest.raises(ScenarioError, match=r'friction: appears twice'):
-        make(text + 'friction: 0.5\n')
-    assert make(text).name == 'bend'
-
-
 def nodes(tree):
     """Return (container, key) of everything in a tree."""
     pairs = tree.items() if isinstance(tree, dict) else enumerate(tree)

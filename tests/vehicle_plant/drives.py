@@ -4,18 +4,16 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from msgs_yaml.types import Command
 from node_runtime import parameters as yaml_parameters
-from vehicle_plant import circular_driving, integrator, parameters
+from vehicle_plant import circular_driving, integrator, manoeuvres, parameters
 from vehicle_plant.circular_driving import CircleParams
 from vehicle_plant.initial_state import Start
-from vehicle_plant.manoeuvre import MANOEUVRES
-from vehicle_plant.manoeuvres import procedure, settings
-from vehicle_plant.manoeuvres.procedure import Case, Number, Run
+from vehicle_plant.manoeuvres import Case, Driven
 from vehicle_plant.parameters import PlantParams
 from vehicle_plant.simulator import TICK_STEPS, Simulator
 from vehicle_plant.state import Trajectory, join_trajectories
@@ -68,26 +66,10 @@ def drive(
     return join_trajectories(tracks)
 
 
-class Driven(NamedTuple):
-    """A manoeuvre that was driven, with its numbers."""
-
-    case: Case
-    runs: tuple[Run, ...]
-    tracks: list[Trajectory]
-    numbers: dict[str, Number]
-
-    def value(self, name: str) -> float:
-        """Return the value of a number."""
-        return self.numbers[name].value
-
-
 @cache
 def perform(name: str, friction: float = 1.0, car: str = parameters.DEFAULT_CAR) -> Driven:
     """Return a manoeuvre of a car, driven once per session."""
-    case = Case(load(car), friction, settings.load())
-    runs = MANOEUVRES[name].runs(case)
-    tracks = [procedure.drive(run, case) for run in runs]
-    return Driven(case, runs, tracks, MANOEUVRES[name].numbers(case, runs, tracks))
+    return manoeuvres.perform(name, Case(load(car), friction, manoeuvres.load_settings()))
 
 
 def circle_params(**changes: Any) -> CircleParams:

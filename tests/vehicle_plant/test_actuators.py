@@ -8,11 +8,10 @@ from hypothesis import strategies as st
 
 from msgs_yaml.types import Command
 from vehicle_plant import parameters, servo_lag
-from vehicle_plant.actuators import DelayLine, SetPointRamp
+from vehicle_plant.actuators import DelayLine
 from vehicle_plant.simulator import Simulator
 from vehicle_plant.state import SetPoints, join_trajectories
 
-REST = SetPoints(0.0, 0.0, 0.0)
 DELAYS_MS = {'steer': 15, 'front': 20, 'rear': 7}
 
 
@@ -88,20 +87,6 @@ def test_rate_and_range_are_limited_and_reached(params):
     nine_tenths = (np.argmax(angle >= 0.9 * steering.limit_rad) + 1) * 1e-3
     fastest = 0.9 * steering.limit_rad / steering.rate_radps
     assert fastest < nine_tenths < fastest + 0.15
-
-
-def test_set_points_move_in_straight_lines_from_where_they_are_and_are_held_once_reached():
-    ramp = SetPointRamp(REST)
-    ramp.set_target(SetPoints(0.1, -5000.0, 500.0), 50)
-    path = ramp.advance(25)
-    assert path.shape == (26, 3)
-    assert np.allclose(path, np.outer(np.linspace(0, 0.5, 26), [0.1, -5000.0, 500.0]), rtol=1e-15)
-    assert ramp.now == (0.05, -2500.0, 250.0)
-    ramp.set_target(SetPoints(0.3, 0.0, 0.0), 50)
-    path = ramp.advance(120)
-    assert np.allclose(path[:51, 0], np.linspace(0.05, 0.3, 51), atol=1e-16)
-    assert (path[50:] == [0.3, 0.0, 0.0]).all()
-    assert (ramp.advance(5) == [0.3, 0.0, 0.0]).all()
 
 
 @settings(max_examples=40)

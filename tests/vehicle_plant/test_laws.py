@@ -12,11 +12,10 @@ from scipy.integrate import cumulative_trapezoid
 
 from msgs_yaml.types import WHEELS
 from node_runtime import named_vector
-from vehicle_plant import integrator, road_friction
+from vehicle_plant import integrator, manoeuvres, road_friction
 from vehicle_plant.actuators import DelayLine, SetPointRamp, delay_steps
 from vehicle_plant.initial_state import Start, rolling_state
 from vehicle_plant.manoeuvre import MANOEUVRES
-from vehicle_plant.manoeuvres import procedure
 from vehicle_plant.simulator import START_NS
 from vehicle_plant.state import Outputs, SetPoints, State, Trajectory
 
@@ -145,7 +144,7 @@ def powers(track, car):
 
 def imbalance(track, car):
     """Return the greatest error of the balance over the greatest energy that changed hands [-]."""
-    t, E = procedure.times(track), stored(track, car)
+    t, E = manoeuvres.times(track), stored(track, car)
     work = {part: cumulative_trapezoid(P, t, initial=0) for part, P in powers(track, car).items()}
     error = E - E[0] - sum(work.values())
     exchanged = sum(np.abs(W).max() for W in work.values())
@@ -174,7 +173,7 @@ def test_energy_balances_in_a_car_with_lift_and_wheels_that_steer_by_themselves(
         **{f'car__suspension__{a}__{k}': v for a in ('front', 'rear') for k, v in steering.items()},
     )
     run = perform('sine_with_dwell').runs[-1]
-    track = procedure.drive(run, perform('sine_with_dwell').case._replace(plant=plant))
+    track = manoeuvres.drive(run, perform('sine_with_dwell').case._replace(plant=plant))
     assert imbalance(track, plant.car)[0] < BALANCE
     assert imbalance(track, params.car)[0] > 10 * BALANCE
 
@@ -209,7 +208,9 @@ def test_mirrored_steering_mirrors_every_column(name):
         target = run.law(t, vx)
         return target._replace(delta=-target.delta)
 
-    assert_mirrored(driven.tracks[-1], procedure.drive(run._replace(law=to_the_right), driven.case))
+    assert_mirrored(
+        driven.tracks[-1], manoeuvres.drive(run._replace(law=to_the_right), driven.case)
+    )
 
 
 def wild(side):
@@ -260,15 +261,15 @@ def test_compiled_steps_are_the_interpreted_ones(params, rng, patches):
 
 
 def drive_in_steps(run, case, h):
-    """Return what `procedure.drive` does with steps of h [s], a row per millisecond or per step."""
-    steps, stride = round(procedure.TICK_S / h), max(round(integrator.STEP_S / h), 1)
+    """Return what `manoeuvres.drive` does in steps of h [s], a row per millisecond or per step."""
+    steps, stride = round(manoeuvres.TICK_S / h), max(round(integrator.STEP_S / h), 1)
     p = integrator.parameter_vector(case.plant, case.friction)
     x = rolling_state(case.plant, ahead(run.speed))
     delays = (round(n * integrator.STEP_S / h) for n in delay_steps(case.plant.car))
     line, ramp = DelayLine(SetPoints(*delays), REST), SetPointRamp(REST)
     vx, rows = run.speed, []
-    for tick in range(1, round(run.seconds / procedure.TICK_S) + 1):
-        ramp.set_target(run.law(tick * procedure.TICK_S, vx), steps)
+    for tick in range(1, round(run.seconds / manoeuvres.TICK_S) + 1):
+        ramp.set_target(run.law(tick * manoeuvres.TICK_S, vx), steps)
         x, burst = integrator.advance(x, line.shift(ramp.advance(steps)), p, h)
         rows.append(burst[stride - 1 :: stride])
         vx = Trajectory(np.empty(0), rows[-1]).column('planar.vx')[-1]
@@ -281,7 +282,7 @@ def drive_in_steps(run, case, h):
 def test_a_simulator_drives_in_steps_of_a_millisecond(params, delay_ms):
     driven = perform('turn_braking')
     case = driven.case._replace(plant=altered(params, car__steering__delay_ms=delay_ms))
-    track = procedure.drive(driven.runs[2], case)
+    track = manoeuvres.drive(driven.runs[2], case)
     expected = drive_in_steps(driven.runs[2], case, integrator.STEP_S)
     assert track.rows.tobytes() == expected.rows.tobytes()
     assert track.stamp_ns.tolist() == expected.stamp_ns.tolist()

@@ -9,17 +9,9 @@ import pytest
 from drives import altered, load, perform
 from scipy.integrate import trapezoid
 
-from vehicle_plant import manoeuvre, parameters
+from vehicle_plant import manoeuvre, manoeuvres, parameters
+from vehicle_plant.linear_single_track import linear_car
 from vehicle_plant.manoeuvre import MANOEUVRES
-from vehicle_plant.manoeuvres import (
-    procedure,
-    settings,
-    sine_sweep,
-    sine_with_dwell,
-    steady_circle,
-    straight_braking,
-)
-from vehicle_plant.manoeuvres.linear_single_track import linear_car
 from vehicle_plant.simulator import RefusedError
 from vehicle_plant.state import SetPoints
 
@@ -48,7 +40,7 @@ NUMBERS = [
 
 @pytest.mark.parametrize(('name', 'number', 'low', 'high'), NUMBERS)
 def test_the_car_is_as_such_cars_are(name, number, low, high):
-    assert low <= perform(name).value(number) <= high
+    assert low <= perform(name).numbers[number].value <= high
 
 
 # but for the sine sweep, which is far from every limit
@@ -65,8 +57,9 @@ LIMITED = {
 def test_ice_can_be_driven_on(name):
     dry, ice = perform(name), perform(name, 0.2)
     assert ice.numbers.keys() == dry.numbers.keys()
+    limited, on_dry_road = (driven.numbers[LIMITED[name]].value for driven in (ice, dry))
     # what friction limits falls with it, a little less: lightly loaded tyres grip better
-    assert 0.19 < ice.value(LIMITED[name]) / dry.value(LIMITED[name]) < 0.24
+    assert 0.19 < limited / on_dry_road < 0.24
     # and no moment of a drive has more of it than the tyres hold, at the lightest load
     plant = ice.case.plant
     mu = 0.2 * abs(plant.tyre.lateral.PDY1) * plant.car.scaling.front.LMUY
@@ -79,7 +72,7 @@ def test_ice_can_be_driven_on(name):
 def test_every_number_is_finite_and_every_axis_has_its_unit(name):
     driven, shared = perform(name), {}
     assert all(np.isfinite(number.value) for number in driven.numbers.values())
-    figure = manoeuvre.draw(name, *driven)
+    figure = manoeuvre.draw(name, driven)
     for axes in figure.axes:
         assert axes.get_ylabel().endswith(']')
         column = axes.get_subplotspec().colspan.start
@@ -91,25 +84,32 @@ def test_every_number_is_finite_and_every_axis_has_its_unit(name):
 def test_steer_for_an_acceleration_is_nearly_that_of_the_single_track(params):
     case = perform('steady_circle').case
     # and more: roll, load transfer, bent tyres, and the lag of the car behind the ramp
-    ratio = steady_circle.steer_at(case, 25.0, 2.0) / linear_car(params, 1.0).steer(2.0, 25.0)
+    circle = case.settings.steady_circle
+    ratio = circle.steer_at(case, 25.0, 2.0) / linear_car(params, 1.0).steer(2.0, 25.0)
     assert 1.0 < ratio < 1.15
     with pytest.raises(ValueError, match=r'at 25\.0 m/s, wanted 20\.00'):
-        steady_circle.steer_at(case, 25.0, 20.0)
+        circle.steer_at(case, 25.0, 20.0)
 
 
-@pytest.mark.parametrize('k', [0.4, 0.0])
-def test_closed_form_of_braking_solves_its_equation(k):
-    form = straight_braking.ClosedForm(M=1900.0, F=9000.0, k=k)
+@pytest.mark.parametrize('drag_area', [0.65, 0.0])
+def test_closed_form_of_braking_solves_its_equation(params, drag_area):
+    case = perform('straight_braking').case
+    case = case._replace(plant=altered(params, car__body__drag_area_m2=drag_area))
+    body, wheel = case.plant.car.body, case.plant.car.wheel
+    braking, weight = case.settings.straight_braking, body.mass_kg * body.gravity_mps2
+    M = body.mass_kg + 4 * wheel.spin_inertia_kgm2 / wheel.radius_m**2
+    F = body.mass_kg * braking.deceleration_mps2 + wheel.rolling_resistance * weight
     v = np.linspace(0, 30.0, 20001)
-    per_speed = form.M / (form.F + k * v**2)  # s per m/s
-    assert trapezoid(per_speed, v) == pytest.approx(float(form.duration(30.0)), rel=1e-8)
-    assert trapezoid(v * per_speed, v) == pytest.approx(float(form.distance(30.0)), rel=1e-8)
+    per_speed = M / (F + body.air_density_kgpm3 / 2 * drag_area * v**2)  # s per m/s
+    expected = trapezoid(v * per_speed, v), trapezoid(per_speed, v)
+    assert braking.to_standstill(case, 30.0) == pytest.approx(expected, rel=1e-8)
 
 
 def test_dwell_rests_at_the_second_peak_and_ends_straight():
-    f_hz, dwell = 0.7, 0.5
+    dwelling = manoeuvres.load_settings().sine_with_dwell
+    f_hz, dwell = dwelling.frequency_hz, dwelling.dwell_s
     t = np.arange(-0.1, 2.2, 1e-3)
-    steer = np.array([sine_with_dwell.waveform(x, f_hz, dwell) for x in t])
+    steer = np.array([dwelling.waveform(x) for x in t])
     peak = 0.75 / f_hz
     assert steer[(t >= peak) & (t <= peak + dwell)] == pytest.approx(-1.0, abs=1e-12)
     assert steer.max() == pytest.approx(1.0, abs=1e-4)
@@ -120,14 +120,14 @@ def test_dwell_rests_at_the_second_peak_and_ends_straight():
 def test_phasor_finds_amplitude_and_phase_beside_a_drift():
     t = np.arange(0, 3, 1e-3)
     y = 0.3 * np.cos(2 * np.pi * t + 0.7) + 5 - 2 * t
-    assert procedure.phasor(t, y, 1.0) == pytest.approx(0.3 * np.exp(0.7j), rel=1e-9)
+    assert manoeuvres.phasor(t, y, 1.0) == pytest.approx(0.3 * np.exp(0.7j), rel=1e-9)
 
 
 def test_reaching_is_interpolated_and_never_is_nan():
     t = np.array([0.0, 1.0, 2.0])
-    assert procedure.first_crossing_time(t, np.array([0.0, 0.0, 4.0]), 1.0) == pytest.approx(1.25)
-    assert procedure.first_crossing_time(t, np.array([2.0, 0.0, 4.0]), 1.0) == 0.0
-    assert np.isnan(procedure.first_crossing_time(t, np.zeros(3), 1.0))
+    assert manoeuvres.first_crossing_time(t, np.array([0.0, 0.0, 4.0]), 1.0) == pytest.approx(1.25)
+    assert manoeuvres.first_crossing_time(t, np.array([2.0, 0.0, 4.0]), 1.0) == 0.0
+    assert np.isnan(manoeuvres.first_crossing_time(t, np.zeros(3), 1.0))
 
 
 BOTH = ('front', 'rear')
@@ -154,12 +154,11 @@ def test_relaxation_and_body_predict_the_yaw_rate_up_to_two_hertz(
 ):
     plant = altered(load(car), **changes)
     sweep = {'speed_mps': speed, 'ay_mps2': ay, 'frequencies_hz': (0.2, 1.0, 2.0), 'periods': 2}
-    given = altered(settings.load(), **{f'sine_sweep__{k}': v for k, v in sweep.items()})
-    case = procedure.Case(plant, 1.0, given)
-    track = procedure.drive(sine_sweep.runs(case)[0], case)
-    gain, phase = sine_sweep.errors(case, track, 'with relaxation and body', 2.0)
-    assert gain < gain_error
-    assert phase < np.radians(phase_error)
+    given = altered(manoeuvres.load_settings(), **{f'sine_sweep__{k}': v for k, v in sweep.items()})
+    case = manoeuvres.Case(plant, 1.0, given)
+    numbers = manoeuvres.perform('sine_sweep', case).numbers
+    assert numbers['gain_error_with_relaxation_and_body'].value < gain_error
+    assert numbers['phase_error_with_relaxation_and_body'].value < np.radians(phase_error)
 
 
 def test_understeer_of_small_steering_is_that_of_the_closed_form_and_of_wheels_that_steer(params):
@@ -167,7 +166,7 @@ def test_understeer_of_small_steering_is_that_of_the_closed_form_and_of_wheels_t
     gentle = {'steady_circle__fit_from_mps2': 0.1, 'steady_circle__fit_to_mps2': 0.5}
     driven = perform('steady_circle')
     case = driven.case._replace(settings=altered(driven.case.settings, **gentle))
-    numbers = steady_circle.numbers(case, driven.runs, driven.tracks)
+    numbers = case.settings.steady_circle.numbers(case, driven.tracks)
     expected = numbers['understeer_gradient_with_body'].value
     assert numbers['understeer_gradient'].value == pytest.approx(expected, rel=0.03)
     # camber by roll and load transfer add to the understeer
@@ -187,7 +186,7 @@ def test_command_lists_prints_and_writes(tmp_path, capsys):
     assert set(written['numbers']) == {line.split()[0] for line in printed.splitlines()}
     assert written['numbers']['yaw_rate_gain']['unit'] == '1/s'
     assert (out / 'step_steer.png').read_bytes().startswith(b'\x89PNG')
-    unknown = {'x': procedure.Number(float('nan'), 's', 'never')}
+    unknown = {'x': manoeuvres.Number(float('nan'), 's', 'never')}
     assert json.loads(manoeuvre.record('a', 1.0, unknown))['numbers']['x']['value'] is None
 
 
@@ -215,9 +214,9 @@ def test_command_refuses_what_it_cannot_drive(arguments, line, capsys, tmp_path,
 
 
 def test_a_run_that_the_gate_refuses_says_so():
-    run = procedure.Run('', 20.0, 1.0, lambda t, vx: SetPoints(1.0, 0.0, 0.0))
+    run = manoeuvres.Run('', 20.0, 1.0, lambda t, vx: SetPoints(1.0, 0.0, 0.0))
     with pytest.raises(RefusedError, match='refuses the command: steer is 1 rad'):
-        procedure.drive(run, perform('step_steer').case)
+        manoeuvres.drive(run, perform('step_steer').case)
 
 
 def test_manual_names_every_manoeuvre():

@@ -1,9 +1,5 @@
-"""The multi-body plant: the equations of its package, our signs, actuators, friction and limits.
+"""The multi-body plant: the equations of its package, our signs, actuators, friction and limits."""
 
-At the end: a Python function on symbols is the function on numbers, branch by branch.
-"""
-
-import math
 import sys
 
 import casadi as ca
@@ -60,8 +56,8 @@ def random_states(count):
     rng = np.random.default_rng(7)
     scale = np.repeat([0.0, 0.02, 5.0, 0.01], [6, 17, 4, 2])
     for i in range(count):
-        speed = rng.uniform(3.0, 45.0) if i % 5 else rng.uniform(0.0, 0.09)
-        steer, yaw, beta = rng.uniform(-1, 1, 3) * [0.4, 0.5, 0.3]
+        speed = rng.uniform(3.0, 55.0) if i % 5 else rng.uniform(0.0, 0.09)
+        steer, yaw, beta = rng.uniform(-1, 1, 3) * [0.4 if i % 3 else 1.2, 0.5, 0.3]
         x = np.array(init_mb([*rng.uniform(-50, 50, 2), steer, speed, 1.0, yaw, beta], P))
         yield x + scale * rng.normal(size=x.size), rng.uniform(-1, 1, 2) * [0.6, 13.0]
 
@@ -294,60 +290,7 @@ def test_without_the_package_the_error_names_the_extra(monkeypatch):
     assert parameters.load(parameters.config_file('bmw_320i.yaml')).car.body.mass_kg > 1000
 
 
-def saturate(x, limits):
-    if x <= limits[0] and x <= 0:
-        x = limits[0]
-    elif x >= limits[1] or x > 100:
-        x = limits[1]
-    return x
-
-
-def sign(x):
-    if x > 0:
-        return 1
-    if x < 0:
-        return -1
-    return 0
-
-
-def worked(x, y, half):
-    """Branches, a loop, lists that grow and change, a call, a division by zero in one branch."""
-    u = []
-    u.append(saturate(x, [-1.0, 2.0]))
-    if abs(y) < 0.1:
-        slip = 0.0
-        f = [u[0]]
-    else:
-        slip = math.atan(1 / y)
-        f = [-u[0]]
-    v = [x, y]
-    for i in range(2):
-        if v[i] < 0.0:
-            v[i] = 0.0
-            f.append(half)
-        else:
-            f.append(i)
-    if half:
-        f.append(sign(y) * slip)
-    return f + v
-
-
-def on_symbols(half):
-    x, y = ca.SX.sym('x'), ca.SX.sym('y')
-    result, _ = symbolic.evaluate(worked, (x, y, half), (__name__.partition('.')[0],))
-    return ca.Function('f', [x, y], [ca.vertcat(*result)])
-
-
-@pytest.mark.parametrize('half', [0.5, 0.0])
-def test_it_has_the_values_of_the_function(half):
-    f = on_symbols(half)
-    for x in (-3.0, -1.0, -0.5, 0.0, 1.0, 2.0, 2.5):
-        for y in (-2.0, -0.1, -0.05, 0.0, 0.05, 0.1, 3.0, 200.0):
-            expected = worked(x, y, half)
-            np.testing.assert_allclose(np.asarray(f(x, y)).ravel(), expected, rtol=1e-15)
-
-
-def test_a_function_that_may_return_nothing_is_refused():
+def test_a_function_that_may_return_nothing_has_no_meaning_for_symbols():
     def may_return_nothing(x):  # noqa: RET503
         if x > 0:
             return 1

@@ -5,7 +5,8 @@ Use:
     parameters, car     parameter files of cars and the node; parameters of the car
     identify            car and Fiala tyre parameters for the controllers, from circular driving
     servo_lag           lag of the actuators behind a ramp, measured
-    manoeuvre           drive a standard test procedure of `manoeuvres`
+    manoeuvre           drive a standard test procedure of `manoeuvres`, which are beside
+    linear_single_track closed forms of small steering to compare with
     plant_node          the ROS node, with its two modes in modes_node, its /tf in frames_node
     robot_description   the car as URDF
 Model:

@@ -14,41 +14,23 @@ import json
 import math
 import re
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from node_runtime.parameters import ParameterError
-from vehicle_plant import parameters
-from vehicle_plant.manoeuvres import (
-    procedure,
-    settings,
-    sine_sweep,
-    sine_with_dwell,
-    steady_circle,
-    step_steer,
-    straight_braking,
-    turn_braking,
-)
-from vehicle_plant.manoeuvres.procedure import Case, Number, Run
-from vehicle_plant.state import Trajectory
+from vehicle_plant import manoeuvres, parameters
+from vehicle_plant.manoeuvres import Case, Driven, Number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_ABOUT = {
-    steady_circle: 'understeer gradient on a circle, ISO 4138',
-    step_steer: 'rise time and overshoot after a step, ISO 7401',
-    sine_sweep: 'frequency response against closed forms, ISO 7401',
-    straight_braking: 'stopping distance against the closed form',
-    turn_braking: 'brakes on a circle, steering held, ISO 7975',
-    sine_with_dwell: 'stability and agility, FMVSS 126',
+MANOEUVRES = {
+    name: kind.about
+    for name, kind in manoeuvres.Settings.__annotations__.items()
+    if hasattr(kind, 'about')
 }
-MANOEUVRES = {module.__name__.rpartition('.')[2]: module for module in _ABOUT}
-
-
 # drawn over time; the side slip is that of the CoG
 SIGNALS = {
     'road-wheel angle [deg]': lambda column: np.degrees(column('servos.steer.position')),
@@ -71,28 +53,13 @@ LEVELS = {
 }
 
 
-def perform(name: str, case: Case) -> tuple[dict[str, Number], 'Figure']:
-    """Drive a manoeuvre; return its numbers and its figure. Raises ValueError."""
-    manoeuvre = MANOEUVRES[name]
-    runs = manoeuvre.runs(case)
-    trajectories = [procedure.drive(run, case) for run in runs]
-    numbers = manoeuvre.numbers(case, runs, trajectories)
-    return numbers, draw(name, case, runs, trajectories, numbers)
-
-
-def draw(
-    name: str,
-    case: Case,
-    runs: Sequence[Run],
-    trajectories: Sequence[Trajectory],
-    numbers: dict[str, Number],
-) -> 'Figure':
+def draw(name: str, driven: Driven) -> 'Figure':
     """Return the motion of every run over time, and what was found at each level."""
     # half a second, which the help must not take
     from matplotlib.figure import Figure
 
     levels: dict[str, list[tuple[float, Number]]] = {}
-    for match, number in ((LEVEL.match(key), number) for key, number in numbers.items()):
+    for match, number in ((LEVEL.match(key), number) for key, number in driven.numbers.items()):
         if match and name in LEVELS:
             levels.setdefault(match[1], []).append((float(match[2]), number))
     count = len(SIGNALS) + len(levels)
@@ -100,9 +67,9 @@ def draw(
     figure = Figure(figsize=(12, 2.4 * rows), layout='constrained')
     panels = figure.subplots(rows, COLUMNS).ravel()
     for axes, (label, signal) in zip(panels, SIGNALS.items()):
-        for run, trajectory in zip(runs, trajectories):
-            t = procedure.times(trajectory) - case.settings.settle_s
-            axes.plot(t, signal(trajectory.column), label=run.label)
+        for run, track in zip(driven.runs, driven.tracks):
+            t = manoeuvres.times(track) - driven.case.settings.settle_s
+            axes.plot(t, signal(track.column), label=run.label)
         axes.set(ylabel=label, xlabel='time since the manoeuvre begins [s]')
     for axes, (key, points) in zip(panels[len(SIGNALS) :], levels.items()):
         axes.plot([level for level, _ in points], [number.value for _, number in points], 'o-')
@@ -112,7 +79,7 @@ def draw(
     for axes in figure.axes:
         axes.grid()
     panels[0].legend(fontsize='small', ncols=2)
-    figure.suptitle(f'{name}, {_ABOUT[MANOEUVRES[name]]}; friction {case.friction:g}')
+    figure.suptitle(f'{name}, {MANOEUVRES[name]}; friction {driven.case.friction:g}')
     return figure
 
 
@@ -135,8 +102,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--out', type=Path, help='folder for NAME.json and NAME.png')
     options = parser.parse_args(arguments)
     if options.list:
-        for name, manoeuvre in MANOEUVRES.items():
-            print(f'{name:<18}{_ABOUT[manoeuvre]}')
+        for name, about in MANOEUVRES.items():
+            print(f'{name:<18}{about}')
         return 0
     if options.name is None:
         parser.error('which manoeuvre? --list names them')
@@ -144,10 +111,11 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error(f'friction is {options.friction}, allowed 0 to 2')
     try:
         plant = parameters.load(parameters.car_file(options.car or parameters.DEFAULT_CAR, '--car'))
-        case = Case(plant, options.friction, settings.load())
-        numbers, figure = perform(options.name, case)
+        case = Case(plant, options.friction, manoeuvres.load_settings())
+        driven = manoeuvres.perform(options.name, case)
     except (ParameterError, FileNotFoundError, ValueError) as error:
         parser.exit(1, f'manoeuvre: {error}\n')
+    numbers = driven.numbers
     width, unit = max(map(len, numbers)), max(len(n.unit) for n in numbers.values())
     for name, n in numbers.items():
         print(f'{name:<{width}}  {n.value:12.6g}  {n.unit:<{unit}}  {n.meaning}')
@@ -155,6 +123,7 @@ def main(arguments: list[str] | None = None) -> int:
         options.out.mkdir(parents=True, exist_ok=True)
         path = options.out / options.name
         path.with_suffix('.json').write_text(record(options.name, options.friction, numbers))
+        figure = draw(options.name, driven)
         figure.savefig(path.with_suffix('.png'), dpi=100, metadata={'Software': None})
     return 0
 

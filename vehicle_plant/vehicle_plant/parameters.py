@@ -108,12 +108,14 @@ def car_file(name: str, named_by: str = 'plant_params') -> Path:
     return _find(named_by, name, CAR_KEY)
 
 
-def load_tyre(name: str, named_by: str = 'tyre_set') -> TyreCoefficients:
-    """Read the tyre that a parameter or option names, a .tir or YAML file; ParameterError."""
-    return _tyre(_find(named_by, name, TYRE_KEY))
+def load_tyre(
+    name: str, named_by: str = 'tyre_set', sources: Mapping[str, str] = NO_SOURCES
+) -> TyreCoefficients:
+    """Read the tyre that a parameter or option names, a .tir or YAML file; ParameterError.
 
-
-def _tyre(path):
+    `sources` gives the origin of parameters, for errors.
+    """
+    path = _find(named_by, name, TYRE_KEY, sources)
     if path.suffix.lower() == '.tir':
         return tyre_property_file.load(path)
     return parameters.load(TyreCoefficients, path)
@@ -124,7 +126,7 @@ def plant_params(node: NodeParams, sources: Mapping[str, str] = NO_SOURCES) -> P
 
     `sources` gives the origin of parameters, for errors. Raises ParameterError.
     """
-    tyre = _tyre(_find('tyre_set', node.tyre_set, TYRE_KEY, sources))
+    tyre = load_tyre(node.tyre_set, sources=sources)
     car = add_delay(node.car, node.command_delay_ms or 0)
     if node.model != MULTI_BODY:
         return PlantParams(car, tyre)

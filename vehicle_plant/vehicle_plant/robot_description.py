@@ -44,7 +44,7 @@ def frames(car: Car) -> tuple[Frame, ...]:
     )
 
 
-def urdf(car: Car, name: str = 'car') -> str:
+def urdf(car: Car) -> str:
     """Return the URDF of a car: links, joints, mass, outline; an XML text in SI units.
 
     Mass and inertias are those of the whole car, in `body`; the collision shape is the outline.
@@ -87,7 +87,7 @@ def urdf(car: Car, name: str = 'car') -> str:
   </joint>""",
         ]
     content = '\n  '.join(parts)
-    return f'<?xml version="1.0"?>\n<robot name="{name}">\n  {content}\n</robot>\n'
+    return f'<?xml version="1.0"?>\n<robot name="car">\n  {content}\n</robot>\n'
 
 
 def _numbers(*values):

@@ -1,9 +1,10 @@
 """Evaluates a Python function that was written for numbers on CasADi symbols.
 
 The source of the function is executed as it is, statement by statement, with two differences: the
-functions of `math` are those of CasADi, and where the condition of an `if` is a symbol both
-branches are executed and every variable that they leave different becomes `if_else(condition, then,
-otherwise)`. A branch that divides by zero does no harm: `if_else` drops what it does not choose.
+functions of `math` are those of CasADi, and both branches of an `if` are executed; every variable
+that they leave different becomes `if_else(condition, then, otherwise)`. A branch that divides by
+zero does no harm: `if_else` drops what it does not choose. An `if` that may return is the last
+statement of its function, and both of its branches return.
 Functions of `packages` that the function calls are treated alike.
 """
 
@@ -60,21 +61,15 @@ def _is_within(module, packages):
 
 
 def _run(statements, variables, outside):
-    for i, statement in enumerate(statements):
+    for statement in statements:
         if isinstance(statement, ast.If):
-            # what follows a branch that may return follows the other one only
-            returns = any(isinstance(node, ast.Return) for node in ast.walk(statement))
-            rest = statements[i + 1 :] if returns else []
-            _branch(statement, rest, variables, outside)
-            if returns:
-                return
+            _branch(statement, variables, outside)
         elif isinstance(statement, ast.For):
             for value in _value(statement.iter, variables, outside):
                 variables[statement.target.id] = value
                 _run(statement.body, variables, outside)
         elif isinstance(statement, ast.Return):
             variables[_RETURNED] = _value(statement.value, variables, outside)
-            return
         else:
             module = ast.Module([statement], type_ignores=[])
             exec(compile(module, '<symbolic>', 'exec'), outside, variables)
@@ -93,15 +88,12 @@ def _condition(expression, variables, outside):
     return reduce(join, map(ca.SX, operands))
 
 
-def _branch(statement, rest, variables, outside):
-    """Run both branches of an `if` whose condition is a symbol, else the chosen one; then rest."""
+def _branch(statement, variables, outside):
+    """Run both branches of an `if`."""
     condition = _condition(statement.test, variables, outside)
-    if not isinstance(condition, ca.SX) or condition.is_constant():
-        _run([*(statement.body if condition else statement.orelse), *rest], variables, outside)
-        return
     then, otherwise = _copied(variables), _copied(variables)
-    _run([*statement.body, *rest], then, outside)
-    _run([*statement.orelse, *rest], otherwise, outside)
+    _run(statement.body, then, outside)
+    _run(statement.orelse, otherwise, outside)
     if (_RETURNED in then) != (_RETURNED in otherwise):
         raise ValueError(f'line {statement.lineno}: one branch returns, the other one does not')
     # a variable of one branch only has no value behind it
