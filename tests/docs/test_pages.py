@@ -48,7 +48,8 @@ WORD = re.compile(r'[a-z]\w{2,}')
 NOT_RUN = [
     page
     for page in (*DOCS.rglob('*.md'), *ROOT.glob('*/README.md'))
-    if page not in PAGES and COMMAND.search(page.read_text())
+    if {page, *page.parents}.isdisjoint({*PAGES, DOCS / 'generated'})
+    if COMMAND.search(page.read_text())
 ]
 FENCED = re.compile(r'^(```+)(\w*)\n(.*?)^\1$', re.MULTILINE | re.DOTALL)
 DATA = ('{}/config/{}.yaml', '{}/scenarios/{}.yaml', '{0}/{0}/{1}.py', '{}/launch/{}.launch.py')
