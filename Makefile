@@ -152,8 +152,9 @@ coverage_whole: setup $(VENV)/.tests
 # files are read that have such a test: to collect all takes as long as some of them. Where nodes may
 # not be given real-time priority, drives on the wall clock (`wall_clock`) are in it, too.
 ALONE = $(shell grep -rlwE --include='test_*.py' 'mark\.alone|mark\.site|wall_clock' tests)
-# Pages, notebooks, wheels and builds by colcon are tested where something that they read differs from
-# this commit: the last one that was pulled or, on it, the one before; empty: always
+# Pages, notebooks, wheels, builds by colcon and what processes over DDS add to the nodes are tested
+# where something that they read differs from this commit: the last one that was pulled or, on it, the
+# one before; empty: always
 CHANGED_SINCE ?= $(shell git merge-base HEAD @{upstream} 2>/dev/null | grep -v "$$(git rev-parse HEAD)" \
   || echo HEAD~1)
 check: setup $(VENV)/.tests $(VENV)/.docs lint budget
@@ -166,10 +167,10 @@ side_by_side: setup $(VENV)/.tests
 	CHANGED_SINCE=$(CHANGED_SINCE) \
 	  $(PARALLEL) -m 'not (alone or site or nightly)' $(addprefix --ignore=,$(SAFE_TESTS))
 
-# with all pages, notebooks, wheels and builds
+# with all pages, notebooks, wheels, builds and processes over DDS
 nightly: setup $(VENV)/.tests
 	failed=0; \
-	  $(PYTEST) -m nightly tests/faults tests/ros || failed=1; \
+	  CHANGED_SINCE= $(PYTEST) -m 'nightly or reads' tests/faults tests/ros || failed=1; \
 	  CHANGED_SINCE= $(PARALLEL) -m 'nightly or reads' --ignore=tests/faults --ignore=tests/ros || failed=1; \
 	  exit $$failed
 

@@ -14,13 +14,14 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import NamedTuple
 
 import closed_loops
 import machine
 import numpy as np
+import pandas as pd
 from tables import markdown, number
 
 from bags.evaluation import bag_summary
@@ -30,7 +31,6 @@ from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.records import TickInputs, TickRecord
 from msgs_yaml import conversions
 from msgs_yaml.types import Obstacle, Obstacles, Reference, RoadEdges, VehicleState
-from scenario_publisher import scenario
 
 SCENARIO = 'double_lane_change'
 CONTROLLERS = ('mpcc', 'mpcc_no_ca', 'frenet')
@@ -41,101 +41,83 @@ PARALLEL_S = 4.0  # how long the drives beside each other go on
 PATH_LENGTHS_M = (100.0, 1000.0, 20_000.0)
 POSE_M = 0.5  # between two poses of these paths: 40,000 on the longest
 MEASURED_TICKS = 40
-KINDS = (
-    'explained: a drive with all that would be recorded; brief: without predictions and values of '
-    'the plan; evaluated: brief, as the metrics take it.'
-)
+KINDS = {
+    'explained': 'a drive with all that would be recorded',
+    'brief': 'without predictions and values of the plan',
+    'evaluated': 'brief, as the metrics take it',
+}
+QUANTILES = {'median': 0.5, 'p99': 0.99, 'max': 1.0}
 SPEED_MPS, HALF_WIDTH_M, START_NS = 15.0, 5.0, 10**9
 
 
-class TickTimes(NamedTuple):
-    """The parts of ticks, each (n,) [ms]; `total` is from the decoded state to the command."""
-
-    total: np.ndarray
-    prepare: np.ndarray  # projection, initial guess, numbers of the stages, bounds
-    solve: np.ndarray
-    rest: np.ndarray  # delay compensation, choice, set-points, gate
-    explain: np.ndarray  # after the command: /controller/prediction and /controller/why
-
-    @property
-    def outside(self) -> np.ndarray:
-        """The part that is no solver [ms]."""
-        return self.total - self.solve
+def answered(controller: Controller, record: TickRecord) -> tuple[float, ...]:
+    """Explain the answer of a tick; return its times [s], () where it solved not once."""
+    began = time.perf_counter()
+    controller.report(record)
+    explain_s = time.perf_counter() - began
+    if record.attempt is None:
+        return ()
+    solve_s = record.attempt.solution.solve_s
+    return record.computing_s, record.attempt.prepare_s, solve_s, explain_s
 
 
-def tick_times(records: list[tuple[TickRecord, float]]) -> TickTimes:
-    """Return the times of ticks that solved once, from their records and explaining times [s]."""
-    rows = [
-        (r.computing_s, r.attempt.prepare_s, r.attempt.solution.solve_s, explain_s)
-        for r, explain_s in records
-        if r.attempt is not None
-    ]
-    total, prepare, solve, explain = MS * np.array(rows[WARM_TICKS:]).T
-    return TickTimes(total, prepare, solve, total - prepare - solve, explain)
+def tick_times(rows: list[tuple[float, ...]]) -> pd.DataFrame:
+    """Return the parts of ticks [ms] from their times [s].
+
+    total     from the decoded state to the command
+    prepare   projection, initial guess, numbers of the stages, bounds
+    rest      delay compensation, choice, set-points, gate
+    outside   what is no solver
+    explain   after the command: /controller/prediction and /controller/why
+    """
+    columns = ['total', 'prepare', 'solve', 'explain']
+    times = MS * pd.DataFrame([row for row in rows if row][WARM_TICKS:], columns=columns)
+    outside = times.total - times.solve
+    times = times.assign(rest=outside - times.prepare, outside=outside)
+    return times[['total', 'prepare', 'solve', 'rest', 'outside', 'explain']]
 
 
-def watched_drive(scn: scenario.Scenario, controller: Controller) -> TickTimes:
-    """Return the times of the ticks of one drive, explained."""
-    records = []
-    for record in closed_loops.drive(scn, controller):
-        began = time.perf_counter()
-        controller.report(record)
-        records.append((record, time.perf_counter() - began))
-    return tick_times(records)
-
-
-def cpu_of(call) -> tuple[float, object]:
-    """Return the processor time [s] of a call, and its result."""
+def cpu_s(call: Callable[[], object]) -> float:
+    """Return the processor time of a call [s]."""
     gc.collect()
     began = time.process_time()
-    result = call()
-    return time.process_time() - began, result
+    call()
+    return time.process_time() - began
 
 
-def measure_drives(controller: str, repeats: int) -> dict:
-    """Return processor time, real-time factors and tick times of drives of one controller."""
-    setup = simulation.prepare(SCENARIO, controller)
-    columns = simulation.run(setup)
-    driven_s = float(columns['/vehicle/odometry'].t_s[-1])
-    cpu_s = {'explained': [], 'brief': [], 'evaluated': []}
-    calls = {
-        'explained': lambda: simulation.run(setup),
-        'brief': lambda: simulation.run(setup, explain=False),
-        'evaluated': lambda: simulation.drive(setup),
-    }
-    for _ in range(repeats):  # alternately: what disturbs the machine disturbs all of them
-        for name, call in calls.items():
-            cpu_s[name].append(cpu_of(call)[0])
-    ticks = [
-        watched_drive(setup.scn, Controller(setup.params, setup.vehicle)) for _ in range(repeats)
+def measure_drives(repeats: int) -> list[str]:
+    """Return the tables of drives and ticks of every controller."""
+    drives, ticks = [], []
+    for name in CONTROLLERS:
+        setup = simulation.prepare(SCENARIO, name)
+        driven_s = float(simulation.run(setup)['/vehicle/odometry'].t_s[-1])
+        calls = (
+            lambda setup=setup: simulation.run(setup),
+            lambda setup=setup: simulation.run(setup, explain=False),
+            lambda setup=setup: simulation.drive(setup),
+        )
+        # alternately: what disturbs the machine disturbs all of them
+        seconds = np.median([[cpu_s(call) for call in calls] for _ in range(repeats)], axis=0)
+        drives.append((name, *map(number, MS * seconds), *map(number, driven_s / seconds)))
+        every = []
+        for _ in range(repeats):
+            controller = Controller(setup.params, setup.vehicle)
+            records = closed_loops.drive(setup.scn, controller)
+            every.append(tick_times([answered(controller, record) for record in records]))
+        spread = (
+            pd.concat(every)
+            .quantile([*QUANTILES.values()])
+            .rename(columns={'explain': 'explain, after it'})
+        )
+        ticks += [(f'{name}: {part}', *map(number, spread[part])) for part in spread]
+    heads = [*(f'{kind}, cpu ms' for kind in KINDS), *(f'{kind}, x real time' for kind in KINDS)]
+    return [
+        markdown(f'A drive of {SCENARIO} in process, per core', ('controller', *heads), drives),
+        markdown('State to command in process', ('part', *(f'{q} ms' for q in QUANTILES)), ticks),
     ]
-    every = TickTimes(*(np.concatenate(part) for part in zip(*ticks)))
-    factors = {name: driven_s / float(np.median(times)) for name, times in cpu_s.items()}
-    return {
-        'drive_s': driven_s,
-        'drive_cpu_s': {name: float(np.median(times)) for name, times in cpu_s.items()},
-        'real_time_factor': factors,
-        'tick_ms': {**quantiles(every.total), 'by_part': parts(every)},
-        'explain_ms': quantiles(every.explain),
-    }
 
 
-def parts(times: TickTimes) -> dict[str, dict[str, float]]:
-    """Return the quantiles of every part before the command."""
-    named = {name: getattr(times, name) for name in ('prepare', 'solve', 'rest', 'outside')}
-    return {name: quantiles(values) for name, values in named.items()}
-
-
-def quantiles(values: np.ndarray) -> dict[str, float]:
-    """Return median, 99th percentile and maximum."""
-    return {
-        'median': float(np.median(values)),
-        'p99': float(np.percentile(values, 99)),
-        'max': float(np.max(values)),
-    }
-
-
-def count_drives(_: int = 0) -> float:
+def count_drives(_: int) -> float:
     """Return the drives per second of this process, without explaining."""
     setup = simulation.prepare(SCENARIO, CONTROLLERS[0])
     simulation.run(setup, explain=False)
@@ -146,22 +128,20 @@ def count_drives(_: int = 0) -> float:
     return count / (time.perf_counter() - began)
 
 
-def measure_parallel() -> dict:
-    """Return the drives per second of one process and of one per core, side by side."""
-    cores = len(os.sched_getaffinity(0))
+def measure_parallel() -> str:
+    """Return the table of the drives per second of one process and of one per core."""
     rates = {}
-    for workers in sorted({1, cores}):
+    for workers in sorted({1, len(os.sched_getaffinity(0))}):
         with ProcessPoolExecutor(workers) as pool:
             rates[workers] = sum(pool.map(count_drives, range(workers)))
-    return {
-        'drives_per_s': {str(workers): rate for workers, rate in rates.items()},
-        'speed_up': rates[cores] / rates[1],
-    }
+    rows = [(workers, number(rate), number(rate / rates[1])) for workers, rate in rates.items()]
+    columns = ('processes', 'drives per second', 'speed-up')
+    return markdown('Processes beside each other', columns, rows)
 
 
-def measure_lengths() -> list[dict]:
-    """Return the tick times in the middle of straight paths of several lengths."""
-    rows = []
+def measure_lengths() -> str:
+    """Return the table of tick times in the middle of straight paths of several lengths."""
+    shown, rows = ['total', 'solve', 'outside', 'explain'], []
     for length_m in PATH_LENGTHS_M:
         x = np.arange(0.0, length_m, POSE_M)
         controller = closed_loops.make_controller(closed_loops.controller_params('mpcc'), 1.0)
@@ -171,28 +151,20 @@ def measure_lengths() -> list[dict]:
         middle_m = length_m / 2
         obstacle = Obstacle(id=1, X=middle_m + 30.0, Y=1.8, vX=0.0, vY=0.0, r_obs=1.0)
         controller.set_obstacles(Obstacles(START_NS, (obstacle,)))
-        records = []
+        times = []
         for tick in range(MEASURED_TICKS):
             t = tick * TICK_S
-            X = middle_m - 20.0 + SPEED_MPS * t
-            stamp_ns = conversions.add_seconds(START_NS, t)
+            X, stamp_ns = middle_m - 20.0 + SPEED_MPS * t, conversions.add_seconds(START_NS, t)
             state = VehicleState(stamp_ns, X, 0.0, 0.0, SPEED_MPS, 0.0, 0.0)
-            record = controller.step(TickInputs(state))
-            began = time.perf_counter()
-            controller.report(record)
-            records.append((record, time.perf_counter() - began))
-        rows.append({'path_m': length_m, 'poses': len(x), **row(tick_times(records))})
-    return rows
+            times.append(answered(controller, controller.step(TickInputs(state))))
+        medians = tick_times(times)[shown].median()
+        rows.append((f'{length_m:g}', len(x), *map(number, medians)))
+    columns = ('path_m', 'poses', *(f'{name}_ms' for name in shown))
+    return markdown('A tick by the length of the path, medians', columns, rows)
 
 
-def row(times: TickTimes) -> dict[str, float]:
-    """Return the medians of a row of the scaling tables [ms]."""
-    named = ('total', 'solve', 'outside', 'explain')
-    return {f'{name}_ms': float(np.median(getattr(times, name))) for name in named}
-
-
-def measure_ring() -> dict:
-    """Return the wall time per tick of the node graph in lockstep, recorded."""
+def measure_ring() -> str:
+    """Return the table of the wall time of the node graph in lockstep, recorded."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, '-m', 'experiments.cli', 'run', SCENARIO]
         command += ['--controller', CONTROLLERS[0], '--out', folder]
@@ -200,65 +172,13 @@ def measure_ring() -> dict:
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         wall_s = time.perf_counter() - began
         bag = read.load(Path(folder) / SCENARIO / CONTROLLERS[0])
-        report = bag_summary.timing_report(bag)
-    period_ms = report['interval_ms']['mean']
-    return {
-        'tick_wall_ms': report['interval_ms'],
-        'real_time_factor': TICK_S * MS / period_ms,
-        'command_wall_s': wall_s,
-        'parts_ms': report['parts_ms'],
-    }
-
-
-def tables(results: dict) -> list[str]:
-    """Return the figures as tables."""
-    kinds, quantile_names = ('explained', 'brief', 'evaluated'), ('median', 'p99', 'max')
-    drives = [
-        (
-            name,
-            *(number(MS * value) for value in one['drive_cpu_s'].values()),
-            *(number(value) for value in one['real_time_factor'].values()),
-        )
-        for name, one in results['drives'].items()
+        period_ms = bag_summary.timing_report(bag)['interval_ms']['mean']
+    rows = [
+        ('mean wall time per tick, ms', number(period_ms)),
+        ('x real time', number(TICK_S * MS / period_ms)),
+        ('`experiments run`, s', number(wall_s)),
     ]
-    ticks = [
-        (f'{name}: {part}', *(number(values[q]) for q in quantile_names))
-        for name, one in results['drives'].items()
-        for part, values in {
-            'total': one['tick_ms'],
-            **one['tick_ms']['by_part'],
-            'explain, after it': one['explain_ms'],
-        }.items()
-    ]
-    rates = results['parallel']['drives_per_s']
-    beside = [(n, number(rate), number(rate / rates['1'])) for n, rate in rates.items()]
-    listed = [
-        markdown(
-            f'A drive of {SCENARIO} in process, per core',
-            ('controller', *(f'{k}, cpu ms' for k in kinds), *(f'{k}, x real time' for k in kinds)),
-            drives,
-        ),
-        markdown(
-            'State to command in process', ('part', *(f'{q} ms' for q in quantile_names)), ticks
-        ),
-        markdown(
-            'Processes beside each other', ('processes', 'drives per second', 'speed-up'), beside
-        ),
-    ]
-    if 'lengths' in results:
-        fields = tuple(results['lengths'][0])
-        rows = [
-            tuple(number(v) if f.endswith('_ms') else f'{v:g}' for f, v in one.items())
-            for one in results['lengths']
-        ]
-        listed.append(markdown('A tick by the length of the path, medians', fields, rows))
-    if 'ring' in results:
-        ring = results['ring']
-        rows = [('mean wall time per tick, ms', number(ring['tick_wall_ms']['mean']))]
-        rows += [('x real time', number(ring['real_time_factor']))]
-        rows += [('`experiments run`, s', number(ring['command_wall_s']))]
-        listed.append(markdown('The node graph in lockstep, recorded', ('', 'mpcc'), rows))
-    return listed
+    return markdown('The node graph in lockstep, recorded', ('', 'mpcc'), rows)
 
 
 def main() -> None:
@@ -269,20 +189,14 @@ def main() -> None:
     parser.add_argument('--ring', action='store_true', help='the node graph, too')
     parser.add_argument('--out', type=Path, default=Path(__file__).with_suffix('.md'))
     options = parser.parse_args()
-    results = {
-        'machine': machine.named(),
-        'drives': {name: measure_drives(name, options.repeats) for name in CONTROLLERS},
-        'parallel': measure_parallel(),
-    }
-    if options.scaling:
-        results |= {'lengths': measure_lengths()}
-    if options.ring:
-        results['ring'] = measure_ring()
-    listed = tables(results)
-    print('\n'.join(listed))
-    about = ', '.join(f'{key} {value}' for key, value in results['machine'].items())
-    head = f'# The loop around the maths\n\n`python bench/loop.py`: {about}.\n\n{KINDS}\n\n'
-    options.out.write_text(head + '\n'.join(listed))
+    about = ', '.join(f'{key} {value}' for key, value in machine.named().items())
+    tables = [*measure_drives(options.repeats), measure_parallel()]
+    tables += [measure_lengths()] if options.scaling else []
+    tables += [measure_ring()] if options.ring else []
+    print('\n'.join(tables))
+    kinds = '; '.join(f'{kind}: {meaning}' for kind, meaning in KINDS.items())
+    head = f'# The loop around the maths\n\n`python bench/loop.py`: {about}.\n\n{kinds}.\n\n'
+    options.out.write_text(head + '\n'.join(tables))
 
 
 if __name__ == '__main__':

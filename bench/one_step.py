@@ -6,7 +6,6 @@ state, input and numbers of stage 0 at every tick.
 
 import time
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
 
 import closed_loops
 import numpy as np
@@ -25,19 +24,6 @@ SCHEMES = {
     'one_step_prepared': {'mode': 'one_step', 'prepare': True},
     'single_step': {'mode': 'one_step', **ENDLESS},
 }
-
-
-class Drive(NamedTuple):
-    """What a drive cost, and how long the solver took between a state and its command."""
-
-    cost: float  # sum of stage costs over the ticks that had a plan
-    ticks: int
-    unplanned: int  # ticks at which there was no plan to follow: the car braked
-    median_ms: float
-    max_ms: float
-    prepare_ms: float  # median of what was computed after the command
-    more_share: float  # of the solves: more than one iteration
-    more_ms: float  # mean time of those
 
 
 class Timed:
@@ -62,13 +48,16 @@ def table(params: ControllerParams, track: Callable[..., Iterable]) -> str:
     for loop in track(FULL, description='driving with one step per tick'):
         base = closed_loops.controller_params(loop.controller)
         drives = {name: driven(loop, base, settings) for name, settings in SCHEMES.items()}
-        for name, drive in drives.items():
-            difference = drive.cost / drives['converged'].cost - 1
-            cells = (number(drive.cost), f'{100 * difference:+.2f} %')
-            cells += (number(drive.median_ms), number(drive.max_ms))
-            cells += (f'{100 * drive.more_share:.1f} %', number(drive.more_ms))
+        converged = np.nansum(drives['converged'][0])
+        for name, (costs, ms, more, prepared_ms) in drives.items():
+            cost = np.nansum(costs)
             rows.append(
-                (loop.name, name, *cells, number(drive.prepare_ms), drive.ticks, drive.unplanned)
+                (
+                    *(loop.name, name, number(cost), f'{100 * (cost / converged - 1):+.2f} %'),
+                    *(number(np.median(ms)), number(ms.max()), f'{100 * more.mean():.1f} %'),
+                    number(ms[more].mean() if more.any() else 0.0),
+                    *(number(np.median(prepared_ms)), len(costs), int(np.isnan(costs).sum())),
+                )
             )
     columns = ('loop', 'scheme', 'cost', 'difference', 'median', 'max', 'iterations > 1')
     columns += ('their mean', 'after the command', 'ticks', 'without a plan')
@@ -76,8 +65,13 @@ def table(params: ControllerParams, track: Callable[..., Iterable]) -> str:
     return markdown(title, columns, rows)
 
 
-def driven(loop: Loop, params: ControllerParams, settings: dict) -> Drive:
-    """Drive a whole loop with our solver and settings of it."""
+def driven(loop: Loop, params: ControllerParams, settings: dict) -> tuple[np.ndarray, ...]:
+    """Drive a whole loop with our solver and settings of it.
+
+    Returns the stage cost of every tick (NaN where there was no plan to follow: the car braked),
+    the time of every solve between a state and its command [ms], whether it took more than one
+    iteration, and the time of what was computed after each command [ms].
+    """
     scn = closed_loops.load_scenario(loop.scenario, loop.speed)
     params = closed_loops.with_solver(params, **settings)
     controller = closed_loops.make_controller(params, scn.friction)
@@ -95,14 +89,9 @@ def driven(loop: Loop, params: ControllerParams, settings: dict) -> Drive:
         seconds += timed.seconds
         prepared_s.append(controller.prepare())
         timed.iterations, timed.seconds = [], []  # those of the preparation are counted separately
-    more, ms = np.array(iterations) > 1, 1e3 * np.array(seconds)
-    return Drive(
-        cost=float(np.nansum(costs)),
-        ticks=len(costs),
-        unplanned=int(np.isnan(costs).sum()),
-        median_ms=float(np.median(ms)),
-        max_ms=float(ms.max()),
-        prepare_ms=1e3 * float(np.median(prepared_s)),
-        more_share=float(more.mean()),
-        more_ms=float(ms[more].mean()) if more.any() else 0.0,
+    return (
+        np.array(costs),
+        1e3 * np.array(seconds),
+        np.array(iterations) > 1,
+        1e3 * np.array(prepared_s),
     )

@@ -30,6 +30,8 @@ AHEAD_S = (0.05, 0.1, 0.2, 0.5, 1.0)
 LIMIT_MPS2 = 9.81 * 2 / 3
 LARGEST_SIDESLIP_RAD = 0.5  # beyond it a car is lost, and what it does is no question of a model
 BRAKING_N = 1.0  # a smaller force has no split
+COLUMNS = ('position [m]', 'heading [deg]', 'vx [m/s]', 'vy [m/s]', 'yaw rate [deg/s]')
+DECIMALS = (3, 2, 3, 3, 2)
 MODELS = {'without lag': {'servo_lag': None}, 'with lag': {'servo_lag': True}}
 
 
@@ -38,16 +40,6 @@ class Windows(NamedTuple):
 
     states: np.ndarray  # (k, n + 1, 9)
     inputs: np.ndarray  # (k, n, 4)
-
-
-class Errors(NamedTuple):
-    """Root mean squares over the windows, one per tick ahead (n,)."""
-
-    position: np.ndarray  # m
-    heading: np.ndarray  # rad
-    vx: np.ndarray  # m/s
-    vy: np.ndarray  # m/s
-    yaw_rate: np.ndarray  # rad/s
 
 
 def windows(setup: Setup, ticks: int) -> Windows:
@@ -80,8 +72,11 @@ def windows(setup: Setup, ticks: int) -> Windows:
     return Windows(X[chosen], U[chosen[:, :-1]])
 
 
-def errors(given: Windows, setup: Setup, params: ControllerParams) -> Errors:
-    """Return the errors of the prediction model with the parameters `params`."""
+def errors(given: Windows, setup: Setup, params: ControllerParams) -> np.ndarray:
+    """Return root mean squares over the windows (n, 5) of the model with the parameters `params`.
+
+    A row per tick ahead, with the errors of COLUMNS.
+    """
     car = stage_parameters.car(params, setup.vehicle)
     x, count = given.states[:, 0].T, len(given.states)
     step = single_track.step(params.model.step_s, single_track.structure(car)).map(count)
@@ -90,9 +85,10 @@ def errors(given: Windows, setup: Setup, params: ControllerParams) -> Errors:
     for k in range(given.inputs.shape[1]):
         x = step(x, given.inputs[:, k].T, cars).full()
         wrong = State(*(x - given.states[:, k + 1].T))
-        parts = np.hypot(wrong.X, wrong.Y), wrong.psi, wrong.vx, wrong.vy, wrong.r
+        turned = np.degrees((wrong.psi, wrong.r))
+        parts = np.hypot(wrong.X, wrong.Y), turned[0], wrong.vx, wrong.vy, turned[1]
         rows.append([np.sqrt(np.mean(part**2)) for part in parts])
-    return Errors(*np.array(rows).T)
+    return np.array(rows)
 
 
 def with_model(params: ControllerParams, **changes) -> ControllerParams:
@@ -111,20 +107,10 @@ def table() -> str:
     for name, changes in MODELS.items():
         found = errors(joined, setups[0], with_model(setups[0].params, **changes))
         for ahead in AHEAD_S:
-            e = Errors(*(column[round(ahead / dt) - 1] for column in found))
-            rows.append(
-                (
-                    f'{name}, {ahead:g} s',
-                    f'{e.position:.3f}',
-                    f'{np.degrees(e.heading):.2f}',
-                    f'{e.vx:.3f}',
-                    f'{e.vy:.3f}',
-                    f'{np.degrees(e.yaw_rate):.2f}',
-                )
-            )
+            values = zip(found[round(ahead / dt) - 1], DECIMALS)
+            rows.append((f'{name}, {ahead:g} s', *(f'{value:.{n}f}' for value, n in values)))
     title = f'prediction error, root mean square of {len(joined.states)} windows at the limit'
-    columns = ('model', 'position [m]', 'heading [deg]', 'vx [m/s]', 'vy [m/s]', 'yaw rate [deg/s]')
-    return markdown(title, columns, rows)
+    return markdown(title, ('model', *COLUMNS), rows)
 
 
 def main() -> None:

@@ -10,7 +10,6 @@ code 1 when a target is missed.
 """
 
 import argparse
-import json
 import math
 import os
 import subprocess
@@ -19,12 +18,14 @@ import tempfile
 from pathlib import Path
 
 import machine
+import yaml
 from rich.console import Console
 from tables import markdown
 
 from bags.commands import timing
 from bags.evaluation import bag_summary
 from bags.storage import read
+from experiments.families.scenario_document import document
 
 TICK_S = 0.05
 MIN_SHARE = 0.98  # of the requested ticks: the car may be a little slower than planned
@@ -36,31 +37,6 @@ START_S, MARGIN_M = 60.0, 60.0
 MOST_S = 600.0  # that a scenario may take
 # SCHED_FIFO: nodes with deadlines before nodes that only have to keep up
 FIFO = {'controller': 20, 'plant': 20, 'scenario': 10, 'recorder': 10}
-SCENARIO = """
-schema: 1
-name: winding
-description: Left and right by turns, past two obstacles.
-sampling: {{path_m: 5.0, edges_m: 5.0}}
-road:
-  centre_line:
-    start: {{x_m: 0.0, y_m: 0.0, yaw_rad: 0.0}}
-    segments:
-{segments}
-  edges:
-    left: {{offset_m: 5.0}}
-    right: {{offset_m: -5.0}}
-path:
-  start: {{x_m: 0.0, y_m: 0.0, yaw_rad: 0.0}}
-  segments:
-{segments}
-speed: {{constant_mps: {speed_mps}}}
-friction: 1.0
-start: {{progress_m: 0.0}}
-stop: {{progress_m: {stop_m}, time_s: {time_s}}}
-obstacles:
-  - {{station_m: {obstacles_m[0]}, offset_m: 2.8, radius_m: 1.0}}
-  - {{station_m: {obstacles_m[1]}, offset_m: -2.8, radius_m: 1.0}}
-"""
 
 
 def scenario(ticks: int) -> str:
@@ -68,13 +44,21 @@ def scenario(ticks: int) -> str:
     stop_m = ticks * TICK_S * SPEED_MPS
     turns = math.ceil((max(stop_m, *OBSTACLES_M) + MARGIN_M) / TURN_M)
     arcs = [{'length_m': TURN_M, 'curvature_1pm': (-1) ** k / RADIUS_M} for k in range(turns)]
-    return SCENARIO.format(
-        segments='\n'.join(f'    - arc: {json.dumps(arc)}' for arc in arcs),
-        obstacles_m=OBSTACLES_M,
-        speed_mps=SPEED_MPS,
-        stop_m=stop_m,
-        time_s=min(2 * ticks * TICK_S, MOST_S),
+    parts = document(
+        description='Left and right by turns, past two obstacles.',
+        length=stop_m,
+        speed=SPEED_MPS,
+        segments=[{'arc': arc} for arc in arcs],
+        obstacles=[
+            {'station_m': station, 'offset_m': offset, 'radius_m': 1.0}
+            for station, offset in zip(OBSTACLES_M, (2.8, -2.8))
+        ],
+        left=5.0,
+        right=-5.0,
     )
+    parts['stop']['time_s'] = min(2 * ticks * TICK_S, MOST_S)
+    parts |= {'name': 'winding', 'sampling': {'path_m': 5.0, 'edges_m': 5.0}}
+    return yaml.safe_dump(parts)
 
 
 def fifo_settings() -> list[str]:

@@ -18,19 +18,19 @@ yaw rate and speed. Writes the JSON, a page (.md) and a figure (.png) beside it.
 
 import argparse
 import itertools
-import json
-from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 import yaml
 from matplotlib.figure import Figure
 from tables import markdown, share
 
 from experiments import simulation
+from experiments.families.scenario_document import document
 from experiments.simulation import Setup
 from scenario_publisher import scenario
 from vehicle_plant import suspension
@@ -38,7 +38,7 @@ from vehicle_plant import suspension
 SIDESLIPS_RAD = np.radians((0, 5, 10, 15, 20, 25, 30))
 YAW_RATES_RADPS = (-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0)
 SPEEDS_MPS = (15.0, 20.0, 25.0, 30.0)
-ROAD_M, LENGTH_M, TIME_S = 8.0, 400.0, 5.0
+ROAD_M, LENGTH_M, TIME_S = 8.0, 300.0, 5.0
 SETTLED_SIDESLIP_RAD, SETTLED_YAW_RATE_RADPS, SETTLED_S = np.radians(5.0), 0.1, 0.5
 SPUN_RAD = np.radians(90.0)
 LEAST_MPS = 1.0  # a slower car has no sideslip angle: it counts as stopped, which is settled
@@ -69,28 +69,17 @@ def slide_scenario(slide: Slide) -> str:
     beta, speed = slide.sideslip_rad, slide.speed_mps
     start = {'x_m': 0.0, 'y_m': 0.0, 'yaw_rad': -float(beta)}
     start |= {'speed_mps': float(speed * np.cos(beta)), 'lateral_mps': float(speed * np.sin(beta))}
-    document = {
-        'schema': 1,
-        'name': 'slide',
-        'description': 'A car that slides along a straight road.',
-        'road': {
-            'centre_line': {
-                'start': {'x_m': -20.0, 'y_m': 0.0, 'yaw_rad': 0.0},
-                'segments': [{'straight': {'length_m': LENGTH_M + 40.0}}],
-            },
-            'edges': {'left': {'offset_m': ROAD_M / 2}, 'right': {'offset_m': -ROAD_M / 2}},
-        },
-        'path': {
-            'start': {'x_m': 0.0, 'y_m': 0.0, 'yaw_rad': 0.0},
-            'segments': [{'straight': {'length_m': LENGTH_M}}],
-        },
-        'speed': {'constant_mps': speed},
-        'friction': 1.0,
-        'start': start | {'yaw_rate_radps': float(slide.yaw_rate_radps)},
-        'stop': {'progress_m': LENGTH_M - 100.0, 'time_s': TIME_S},
-        'obstacles': [],
-    }
-    return yaml.safe_dump(document)
+    parts = document(
+        description='A car that slides along a straight road.',
+        length=LENGTH_M,
+        speed=speed,
+        obstacles=(),
+        left=ROAD_M / 2,
+        right=-ROAD_M / 2,
+    )
+    parts['start'] = start | {'yaw_rate_radps': float(slide.yaw_rate_radps)}
+    parts['stop']['time_s'] = TIME_S
+    return yaml.safe_dump(parts)
 
 
 def setup_of(controller: str, settings: dict | None = None) -> Setup:
@@ -142,42 +131,36 @@ def grid(quick: bool = False) -> list[Slide]:
     ]
 
 
-def table(by_controller: dict[str, list[Ending]], slides: Sequence[Slide]) -> str:
+def table(drives: pd.DataFrame) -> str:
     """Return the shares recovered, of all and by speed, and on the road."""
-    speeds = sorted({slide.speed_mps for slide in slides})
-    columns = ('controller', 'drives', 'recovered', 'on the road', 'median time')
+    speeds = sorted(drives.speed_mps.unique())
     rows = []
-    for name, endings in by_controller.items():
-        times = [e.settled_s for e in endings if e.settled_s is not None]
-        at = [[e.recovered for e, s in zip(endings, slides) if s.speed_mps == v] for v in speeds]
-        shares = ([e.recovered for e in endings], [e.on_road for e in endings], *at)
-        recovered, on_road, *by_speed = (share(float(np.mean(values))) for values in shares)
-        median = f'{np.median(times):.2f} s' if times else '-'
-        rows.append((name, len(endings), recovered, on_road, median, *by_speed))
+    for name, own in drives.groupby('controller', sort=False):
+        by_speed = own.groupby('speed_mps').recovered.mean()
+        shares = map(share, (own.recovered.mean(), own.on_road.mean()))
+        median = own.settled_s.median()
+        text = '-' if np.isnan(median) else f'{median:.2f} s'
+        rows.append((name, len(own), *shares, text, *map(share, by_speed)))
+    columns = ('controller', 'drives', 'recovered', 'on the road', 'median time')
     return markdown('Slides that end well', (*columns, *(f'{v:g} m/s' for v in speeds)), rows)
 
 
-def figure(by_controller: dict[str, list[Ending]], slides: Sequence[Slide]) -> Figure:
+def figure(drives: pd.DataFrame) -> Figure:
     """Return the maps: a row per controller, a column per speed."""
-    speeds = sorted({slide.speed_mps for slide in slides})
-    count = len(by_controller)
-    fig = Figure(figsize=(2.6 * len(speeds) + 1.0, 2.1 * count + 0.8), layout='constrained')
-    axes = fig.subplots(count, len(speeds), sharex=True, sharey=True, squeeze=False)
+    names, speeds = drives.controller.unique(), sorted(drives.speed_mps.unique())
+    size = 2.6 * len(speeds) + 1.0, 2.1 * len(names) + 0.8
+    fig = Figure(figsize=size, layout='constrained')
+    axes = fig.subplots(len(names), len(speeds), sharex=True, sharey=True, squeeze=False)
     kinds = (('lost', '#b2182b', 'x'), ('off the road', '#e08214', 'o'), ('saved', '#1b7837', 'o'))
-    for row, (name, endings) in zip(axes, by_controller.items()):
-        for ax, v in zip(row, speeds):
-            here = [(s, e) for s, e in zip(slides, endings) if s.speed_mps == v]
-            for rank, (label, colour, marker) in enumerate(kinds):
-                chosen = [s for s, e in here if e.recovered + e.on_road == rank]
-                ax.plot(
-                    [np.degrees(s.sideslip_rad) for s in chosen],
-                    [s.yaw_rate_radps for s in chosen],
-                    marker,
-                    color=colour,
-                    markersize=4,
-                    label=label,
-                )
-            ax.set_title(f'{name}, {v:g} m/s', fontsize=8)
+    rank = drives.recovered.astype(int) + drives.on_road
+    for row, name in zip(axes, names):
+        for ax, speed in zip(row, speeds):
+            here = (drives.controller == name) & (drives.speed_mps == speed)
+            for k, (label, colour, marker) in enumerate(kinds):
+                own = drives[here & (rank == k)]
+                x, y = np.degrees(own.sideslip_rad), own.yaw_rate_radps
+                ax.plot(x, y, marker, color=colour, markersize=4, label=label)
+            ax.set_title(f'{name}, {speed:g} m/s', fontsize=8)
         row[0].set_ylabel('yaw rate / rad/s')
     for ax in axes[-1]:
         ax.set_xlabel('sideslip / deg')
@@ -194,19 +177,17 @@ def main() -> None:
     parser.add_argument('--jobs', type=int, default=1, help='processes (default: 1)')
     parser.add_argument('--json', type=Path, default=Path(__file__).with_suffix('.json'))
     options = parser.parse_args()
-    slides = grid(options.quick)
-    by_controller = {}
+    slides, rows = grid(options.quick), []
     with ProcessPoolExecutor(options.jobs) as pool:
         for name in options.controllers:
-            own = partial(drive, setup_of(name))
-            by_controller[Path(name).stem] = list(pool.map(own, slides, chunksize=4))
-    result = table(by_controller, slides)
+            endings = pool.map(partial(drive, setup_of(name)), slides, chunksize=4)
+            rows += [(Path(name).stem, *slide, *end) for slide, end in zip(slides, endings)]
+    drives = pd.DataFrame(rows, columns=['controller', *Slide._fields, *Ending._fields])
+    result = table(drives)
     print(result)
-    rows = {name: [(*s, *e) for s, e in zip(slides, es)] for name, es in by_controller.items()}
-    fields = [*Slide._fields, *Ending._fields]
-    options.json.write_text(json.dumps({'columns': fields, 'drives': rows}, indent=0))
+    drives.to_json(options.json, orient='split', index=False, indent=0)
     options.json.with_suffix('.md').write_text(result)
-    figure(by_controller, slides).savefig(options.json.with_suffix('.png'), dpi=130)
+    figure(drives).savefig(options.json.with_suffix('.png'), dpi=130)
 
 
 if __name__ == '__main__':

@@ -145,15 +145,3 @@ def recorded_runs(dds, tmp_path_factory):
         tmp_path_factory, 'recorded_runs', lambda folder: run_experiment(folder, *DRIVEN)
     )
     return load_runs(folder, DRIVEN[0])
-
-
-@pytest.fixture(scope='session')
-def recorded_circle(dds, tmp_path_factory):
-    """Return the circle, driven over Fast DDS by the MPCC without collision avoidance."""
-    scenario, controller = 'circle_20m', 'mpcc_no_ca'
-    folder = build_once(
-        tmp_path_factory,
-        'recorded_circle',
-        lambda folder: run_experiment(folder, scenario, controller),
-    )
-    return load_runs(folder, scenario)

@@ -1,6 +1,6 @@
 """Schema of the scenario file: every key with its range and unit.
 
-docs/scenarios.md gives the meaning of each key; a test keeps both equal.
+The comment of a key is its meaning in the reference of the site; docs/scenarios.md explains them.
 """
 
 from math import inf
@@ -27,6 +27,8 @@ ActorSpeed = Annotated[float, Range(0.0, 50.0, 'm/s')]
 Velocity = Annotated[float, Range(-50.0, 50.0, 'm/s')]
 Radius = Annotated[float, Range(0.01, 50.0, 'm')]
 Time = Annotated[float, Range(0.0, 600.0, 's')]
+RunTime = Annotated[float, parameters.RUN_TIME]
+FinishStation = Annotated[float, Range(1.0, 20000.0, 'm')]
 Spacing = Annotated[float, Range(0.1, 5.0, 'm')]
 Friction = Annotated[float, parameters.ROAD_FRICTION]
 Name = Annotated[str, Pattern('[a-z][a-z0-9_]{0,63}', '1 to 64 of a-z, 0-9, _, the first a letter')]
@@ -56,35 +58,35 @@ class Pose(Struct):
 
     x_m: Coordinate
     y_m: Coordinate
-    yaw_rad: Yaw
+    yaw_rad: Yaw  # heading
 
 
 class Straight(Struct):
     """A straight."""
 
-    length_m: Length
+    length_m: Length  # along it
 
 
 class Arc(Struct):
     """Constant curvature."""
 
-    length_m: Length
-    curvature_1pm: Curvature
+    length_m: Length  # along it
+    curvature_1pm: Curvature  # 1 / radius, to the left positive
 
 
 class Clothoid(Struct):
     """Curvature that changes linearly with the distance."""
 
     length_m: Length
-    start_curvature_1pm: Curvature
-    end_curvature_1pm: Curvature
+    start_curvature_1pm: Curvature  # at its start
+    end_curvature_1pm: Curvature  # at its end
 
 
 class LaneChange(Struct):
     """S-shaped lateral shift; length measured along the initial heading."""
 
-    length_m: Length
-    offset_m: Offset
+    length_m: Length  # measured straight ahead, not along the curve
+    offset_m: Offset  # to the left; it ends exactly there, with the heading it began with
 
 
 class StraightSegment(Struct):
@@ -117,13 +119,14 @@ Segment = StraightSegment | ArcSegment | ClothoidSegment | LaneChangeSegment
 class SegmentLine(Struct):
     """A line of curvature over distance, with its initial pose."""
 
-    segments: tuple[Segment, ...]
-    start: Pose
+    segments: tuple[Segment, ...]  # joined without a break in position and heading
+    start: Pose  # where the line starts
 
 
 class PointLine(Struct):
     """A smooth line through points."""
 
+    # [x, y], 2 to 100000 of them, of a cubic spline, whose curvature is continuous
     points_m: tuple[tuple[Coordinate, Coordinate], ...]
 
 
@@ -133,19 +136,21 @@ Line = SegmentLine | PointLine
 class ConstantOffset(Struct):
     """An edge at a constant distance from the centre line."""
 
-    offset_m: Offset
+    offset_m: Offset  # from the centre line, to the left positive
 
 
 class OffsetTable(Struct):
     """An edge whose distance from the centre line changes linearly between stations."""
 
+    # increasing; before the first and behind the last one the offset stays
     stations_m: tuple[Station, ...]
-    offsets_m: tuple[Offset, ...]
+    offsets_m: tuple[Offset, ...]  # at each; at most 1 m per metre of road
 
 
 class PointEdge(Struct):
     """An edge as a polyline."""
 
+    # [x, y], 2 to 100000 of them; corners up to 60 deg; as long as the road
     points_m: tuple[tuple[Coordinate, Coordinate], ...]
 
 
@@ -162,74 +167,76 @@ class Edges(Struct):
 class Road(Struct):
     """The drivable road."""
 
-    centre_line: Line
+    centre_line: Line  # stations and offsets on the road refer to it
     edges: Edges
 
 
 class ConstantSpeed(Struct):
     """A constant desired speed."""
 
-    constant_mps: Speed
+    constant_mps: Speed  # one desired speed
 
 
 class SpeedTable(Struct):
     """Desired speed over the station of the path, linear between stations."""
 
+    # increasing; before the first and behind the last one the speed stays
     stations_m: tuple[Station, ...]
-    speeds_mps: tuple[Speed, ...]
+    speeds_mps: tuple[Speed, ...]  # at each
 
 
 class FrictionPatch(Struct):
     """A stripe along the road with another friction."""
 
-    from_m: Station
-    to_m: Station
-    from_offset_m: Offset
-    to_offset_m: Offset
-    friction: Friction
+    from_m: Station  # station of the centre line at which it begins
+    to_m: Station  # at which it ends, 0.1 m or more behind `from_m` and on the road
+    from_offset_m: Offset  # its right side, to the left of the centre line
+    to_offset_m: Offset  # its left side, 0.1 m or more to the left of `from_offset_m`
+    friction: Friction  # scale of the grip on it
 
 
 class MapObstacle(Struct):
     """A round obstacle placed in the map."""
 
-    x_m: Coordinate
-    y_m: Coordinate
+    x_m: Coordinate  # of its centre
+    y_m: Coordinate  # of its centre
     radius_m: Radius
-    vx_mps: Velocity = 0.0
-    vy_mps: Velocity = 0.0
-    appears_at_s: Time = 0.0
-    disappears_at_s: Time = inf
+    vx_mps: Velocity = 0.0  # velocity in the map
+    vy_mps: Velocity = 0.0  # velocity in the map
+    appears_at_s: Time = 0.0  # after the start, from then on it is there
+    disappears_at_s: Time = inf  # from then on it is gone
 
 
 class RoadObstacle(Struct):
     """A round obstacle placed along the centre line of the road."""
 
-    station_m: Station
-    offset_m: Offset
+    station_m: Station  # of its centre along the centre line of the road
+    offset_m: Offset  # of its centre to the left of that
     radius_m: Radius
-    along_mps: Velocity = 0.0
-    across_mps: Velocity = 0.0
+    along_mps: Velocity = 0.0  # along the centre line, in its direction at that station
+    across_mps: Velocity = 0.0  # to the left of it
+    # straight on, or along the road at its offset (across_mps changes it)
     motion: Literal['straight', 'along_road'] = STRAIGHT
-    appears_at_s: Time = 0.0
-    disappears_at_s: Time = inf
+    appears_at_s: Time = 0.0  # after the start, from then on it is there
+    disappears_at_s: Time = inf  # from then on it is gone
 
 
 class Waypoint(Struct):
     """A place on the road, the speed there, and how long to wait there."""
 
-    station_m: Station
-    offset_m: Offset
-    speed_mps: ActorSpeed
-    wait_s: Time = 0.0
+    station_m: Station  # along the centre line; may decrease from one to the next
+    offset_m: Offset  # to the left of it
+    speed_mps: ActorSpeed  # there, along its way
+    wait_s: Time = 0.0  # how long it stands there, where `speed_mps` is 0
 
 
 class WaypointObstacle(Struct):
     """A round obstacle that follows way-points."""
 
-    waypoints: tuple[Waypoint, ...]
+    waypoints: tuple[Waypoint, ...]  # where it goes, 2 to 100
     radius_m: Radius
-    appears_at_s: Time = 0.0
-    disappears_at_s: Time = inf
+    appears_at_s: Time = 0.0  # after the start, from then on it is there
+    disappears_at_s: Time = inf  # from then on it is gone
 
 
 Obstacle = MapObstacle | RoadObstacle | WaypointObstacle
@@ -238,10 +245,10 @@ Obstacle = MapObstacle | RoadObstacle | WaypointObstacle
 class StartOnPath(Struct):
     """A start on the coarse path, along it; the speed defaults to the desired one there."""
 
-    progress_m: Station
-    speed_mps: StartSpeed | None = None
-    lateral_mps: LateralSpeed = 0.0
-    yaw_rate_radps: YawRate = 0.0
+    progress_m: Station  # station of the path; pose and heading are those of the path
+    speed_mps: StartSpeed | None = None  # forwards
+    lateral_mps: LateralSpeed = 0.0  # to the left positive: the vehicle slides
+    yaw_rate_radps: YawRate = 0.0  # to the left positive
 
 
 class StartPose(Struct):
@@ -249,40 +256,41 @@ class StartPose(Struct):
 
     x_m: Coordinate
     y_m: Coordinate
-    yaw_rad: Yaw
-    speed_mps: StartSpeed
-    lateral_mps: LateralSpeed = 0.0
-    yaw_rate_radps: YawRate = 0.0
+    yaw_rad: Yaw  # heading
+    speed_mps: StartSpeed  # forwards
+    lateral_mps: LateralSpeed = 0.0  # to the left positive: the vehicle slides
+    yaw_rate_radps: YawRate = 0.0  # to the left positive
 
 
 class Stop(Struct):
     """End of the run: finish line, time limit or standstill, whichever comes first."""
 
-    progress_m: Annotated[float, Range(1.0, 20000.0, 'm')]
-    time_s: Annotated[float, parameters.RUN_TIME]
-    standstill_s: Annotated[float, parameters.RUN_TIME] | None = None
+    progress_m: FinishStation  # station of the path at which the finish line crosses it
+    time_s: RunTime  # longest run
+    # a car that has moved and stands for so long ends the run; 1 s where it is left out
+    standstill_s: RunTime | None = None
 
 
 class Sampling(Struct):
     """Greatest distance between neighbouring points of the published lines."""
 
-    path_m: Spacing = 0.5
-    edges_m: Spacing = 1.0
+    path_m: Spacing = 0.5  # of the path
+    edges_m: Spacing = 1.0  # of the centre line and the edges
 
 
 class File(Struct):
     """A complete scenario file."""
 
-    schema: Literal[1]
-    name: Name
-    description: Text
+    schema: Literal[1]  # version of this schema
+    name: Name  # of the scenario; the folder of a run is named after it
+    description: Text  # what it is about, for people
     road: Road
-    path: Line
-    speed: ConstantSpeed | SpeedTable
-    friction: Friction
-    start: StartOnPath | StartPose
+    path: Line  # the coarse path: it passes an obstacle on the side to be passed
+    speed: ConstantSpeed | SpeedTable  # desired
+    friction: Friction  # scale of the grip of the road; 1 is dry asphalt
+    start: StartOnPath | StartPose  # of the vehicle
     stop: Stop
-    obstacles: tuple[Obstacle, ...]
+    obstacles: tuple[Obstacle, ...]  # 0 to 200; their ids are 1, 2, ... in this order
     sampling: Sampling = Sampling()
-    friction_patches: tuple[FrictionPatch, ...] = ()
-    expect: Expectations = NOTHING_EXPECTED
+    friction_patches: tuple[FrictionPatch, ...] = ()  # places with another friction, 0 to 16
+    expect: Expectations = NOTHING_EXPECTED  # metrics with bounds: what a run is to come to

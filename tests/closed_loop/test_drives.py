@@ -5,9 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from driven_setups import driven
 
-from bags.errors import BagError
 from experiments import simulation
 from msgs_yaml import share
 from vehicle_plant import identify, parameters
@@ -126,18 +124,6 @@ def test_a_drive_that_is_not_explained_is_the_same_to_the_last_bit(drive):
         assert {'solver.iterations', 'gate', 'theta'} <= set(own.values) < set(other.values)
 
 
-def test_every_state_on_a_boundary_is_answered_by_a_command_of_its_stamp(drive):
-    columns = drive(DOUBLE, 'mpcc').columns
-    stamps = columns['/vehicle/odometry'].stamp_ns
-    assert np.all(np.diff(stamps) == 1_000_000)
-    boundaries = stamps[stamps % 50_000_000 == 0]
-    assert np.array_equal(columns['/controller/command'].stamp_ns, boundaries)
-    assert np.array_equal(columns['/scenario/obstacles'].stamp_ns, boundaries)
-    for topic in ('/vehicle/imu', '/vehicle/wheels'):
-        assert np.array_equal(columns[topic].stamp_ns, stamps[::10])
-    assert columns['/vehicle/wheels'].load_n.shape == (len(stamps[::10]), 4)
-
-
 def test_acceleration_is_the_change_of_velocity(drive):
     """The inertial unit and the odometry measure the same motion: ax = dvx/dt - r vy."""
     columns = drive(DOUBLE, 'mpcc').columns
@@ -147,20 +133,6 @@ def test_acceleration_is_the_change_of_velocity(drive):
     inner = slice(1, -1)
     assert np.allclose(imu.ax_mps2[inner], ax[::10][inner], atol=0.05)
     assert np.allclose(imu.ay_mps2[inner], ay[::10][inner], atol=0.05)
-
-
-@pytest.mark.parametrize(('obstacle', 'side'), [(0, 1.0), (1, -1.0)])
-def test_each_obstacle_is_passed_on_the_side_of_the_coarse_path(drive, obstacle, side):
-    driven = drive(DOUBLE, 'mpcc').drive
-    passed = driven.scene.obstacles[obstacle]
-    k = np.argmin(np.abs(driven.motion.x - passed.x[0]))
-    assert side * (driven.motion.y[k] - passed.y[0]) > 2.0
-
-
-def test_avoiding_costs_an_error_and_a_sideslip_angle(drive):
-    avoiding, without = (drive(DOUBLE, name).metrics for name in ('mpcc', 'mpcc_no_ca'))
-    assert without['rms_contouring_m'] < avoiding['rms_contouring_m']
-    assert without['peak_sideslip_deg'] < avoiding['peak_sideslip_deg']
 
 
 @pytest.mark.parametrize(
@@ -182,20 +154,6 @@ def test_each_rule_of_the_cost_changes_the_drive_and_none_of_them_ends_it(drive,
     assert np.abs(lines[1] - lines[0]).max() > aside_m
     if 'formulation.priority' in rule:  # it pushes harder than a Gaussian
         assert changed.metrics['min_v2o_m'] > usual.metrics['min_v2o_m'] + 0.02
-
-
-def test_a_straight_empty_road_needs_no_steering(drive):
-    columns = drive('straight', 'mpcc').columns
-    assert np.abs(columns['/vehicle/actuators'].steer_rad).max() < 1e-3
-
-
-@pytest.mark.parametrize('beyond_m', [0.2, -0.2])
-def test_the_road_is_left_where_the_outline_is_beyond_an_edge(beyond_m):
-    setup = simulation.prepare('straight', 'mpcc')
-    scn, width_m = setup.scn, setup.plant.car.outline.width_m
-    start = scn.start._replace(Y=scn.edges.left[0, 1] - width_m / 2 + beyond_m)
-    scn = scn._replace(start=start, stop=scn.stop._replace(time=0.1))
-    assert driven(setup._replace(scn=scn)).metrics['left_road'] is (beyond_m > 0.0)
 
 
 def test_a_slippery_patch_acts_on_the_wheels_on_it(drive):
@@ -242,18 +200,6 @@ def test_a_delay_that_is_known_costs_little(drive):
     assert peaks[1] < 1.3 * peaks[0]
 
 
-def test_below_the_limit_the_multi_body_car_moves_nearly_as_the_double_track(drive):
-    """At 50 km/h the peaks of the heading agree within 3 %, and are not the same."""
-    headings = []
-    for car in (parameters.MULTI_BODY_CAR, 'bmw_320i.yaml'):
-        settings = {**MULTI_BODY, 'plant': {'plant_params': car}}
-        columns = drive(DOUBLE, 'mpcc_no_ca', settings, 50).columns
-        headings.append(abs(columns['/vehicle/odometry'].yaw_rad).max())
-    model, double_track = headings
-    assert model == pytest.approx(double_track, rel=0.03)
-    assert abs(model / double_track - 1) > 1e-4
-
-
 def test_the_file_that_identify_writes_is_all_that_another_car_needs(drive, tmp_path):
     """Front-wheel drive, and it steers more slowly than mpcc.yaml asks."""
     file = tmp_path / 'gti.yaml'
@@ -284,50 +230,3 @@ def test_the_car_file_of_the_multi_body_car_is_what_identify_makes(tmp_path):
         return [float(x) for x in re.findall(r': (-?[\d.]+)', text)]
 
     assert numbers(out.read_text()) == pytest.approx(numbers(committed), rel=1e-3)
-
-
-def test_settings_reach_controller_plant_and_scenario():
-    settings = {
-        'controller': {'tolerances.lag_m': 0.3},
-        'plant': {
-            'friction': 0.95,
-            'car.body.mass_kg': 2000.0,
-            'tyre_set': 'tyre_245_40r18.yaml',
-        },
-    }
-    setup, usual = (
-        simulation.prepare(DOUBLE, 'frenet', settings, 18.0),
-        simulation.prepare(DOUBLE, 'frenet'),
-    )
-    assert setup.params.tolerances.lag_m == 0.3
-    assert setup.params.model.friction == 1.0
-    assert setup.friction == 0.95
-    assert setup.plant.car.body.mass_kg == 2000.0
-    assert setup.plant.tyre != usual.plant.tyre
-    assert setup.scn.start.speed == pytest.approx(18.0)
-    multi_body = simulation.prepare(DOUBLE, 'mpcc', MULTI_BODY).plant
-    double = {**MULTI_BODY, 'plant': {**MULTI_BODY['plant'], 'model': parameters.DOUBLE_TRACK}}
-    assert not isinstance(simulation.prepare(DOUBLE, 'mpcc', double).plant, type(multi_body))
-
-
-NO_EFFECT = r'plant\.{} has no effect .*friction, .*tyre_set.*car\.'
-
-
-@pytest.mark.parametrize(
-    ('role', 'name', 'value', 'reason'),
-    [
-        ('controller', 'tolerances.lag', 0.3, r'tolerances\.lag'),
-        ('plant', 'tolerances.lag', 0.3, r'tolerances\.lag'),
-        ('plant', 'patches.friction', [0.3], NO_EFFECT.format(r'patches\.friction')),
-        ('plant', 'start.speed_mps', 10.0, NO_EFFECT.format(r'start\.speed_mps')),
-        ('plant', 'stop.time_s', 1.0, NO_EFFECT.format(r'stop\.time_s')),
-        ('plant', 'command_age_s', 0.2, NO_EFFECT.format('command_age_s')),
-        ('multi-body', 'car.body.mass_kg', 1500.0, 'mass_kg: is 1500.0; it does not change'),
-    ],
-)
-def test_a_setting_that_does_not_exist_or_has_no_effect_is_refused(role, name, value, reason):
-    settings = {role: {name: value}}
-    if role == 'multi-body':
-        settings = {**MULTI_BODY, 'plant': {**MULTI_BODY['plant'], name: value}}
-    with pytest.raises(BagError, match=reason):
-        simulation.prepare(DOUBLE, 'mpcc', settings)

@@ -119,16 +119,19 @@ def oncoming_in_bend(radius, side):
     The path is the middle of the right lane of two; they meet in the middle of the arc.
     """
     speed = math.sqrt(ACROSS * radius)
-    lead_in, clothoid, arc = 2.5 * speed, 1.5 * speed, max(30.0, 3.0 * speed)
-    meet = lead_in + clothoid + arc / 2
-    bends = ((0.0, 1.0), (1.0, 1.0), (1.0, 0.0))
-    pieces = [scenario_document.straight(lead_in)]
-    for (begin, end), length in zip(bends, (clothoid, arc, clothoid)):
-        ends = {'start_curvature_1pm': side * begin / radius}
-        ends['end_curvature_1pm'] = side * end / radius
-        pieces.append({'clothoid': {'length_m': length, **ends}})
+    lead_in, arc = 2.5 * speed, max(30.0, 3.0 * speed)
+    bend = {'length_m': 1.5 * speed, 'start_curvature_1pm': 0.0}
+    bend['end_curvature_1pm'] = side / radius
+    back = bend | {'start_curvature_1pm': side / radius, 'end_curvature_1pm': 0.0}
+    meet = lead_in + bend['length_m'] + arc / 2
     length = meet + max(25.0, 3.0 * speed)
-    pieces.append(scenario_document.straight(max(length - meet - arc / 2 - clothoid, 1.0)))
+    pieces = [
+        scenario_document.straight(lead_in),
+        {'clothoid': bend},
+        {'arc': {'length_m': arc, 'curvature_1pm': side / radius}},
+        {'clothoid': back},
+        scenario_document.straight(max(length - meet - arc / 2 - bend['length_m'], 1.0)),
+    ]
     length = sum(next(iter(piece.values()))['length_m'] for piece in pieces)
     # both drive towards each other: it begins as far beyond the meeting point as the car before it
     discs = [

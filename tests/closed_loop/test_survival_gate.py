@@ -2,13 +2,12 @@
 
 The fixed ones are of the seed of docs/library.md, which nothing is tuned on. About one of 200 is
 lost, and which one changes with every change of the controller: so one loss is allowed. `make
-check` drives as few as notice a fall to 90 % survival 95 times in 100, which are 46; with 99.5 %
-they fail 2 times in 100. Each night ten of each family are driven, of which one may be lost: a fall
+check` drives 34, and 15 more where one of these is lost: a fall to 90 % survival fails 95 times in
+100, 99.5 % fail 2 times. Each night ten of each family are driven, of which one may be lost: a fall
 to 90 % fails 99.8 times in 100, and one of a single family to 50 % fails 98.9 times.
 """
 
 from collections import Counter
-from itertools import count
 from pathlib import Path
 
 import commit_seed
@@ -23,6 +22,7 @@ from experiments.row_runner import TABLE
 
 CONTROLLER = 'mpcc_road'
 SEED, MOST_LOST = 4000, 1
+FIRST, MORE = 34, 15  # draws, and those that decide where one of them is lost
 FALLEN, NOTICED = 0.90, 0.95  # survival, and how probable it is to be that it fails the gate
 DRAWS_PER_FAMILY = 10  # each night
 NIGHTLY = Path(__file__).parents[2] / 'build/nightly'  # the drives are kept: it goes on from there
@@ -31,24 +31,30 @@ FIRST_SEED = 1000  # those below are for tuning
 FRESH_DRAWS, SURVIVED, LEVEL = 100, 0.995, 0.975
 
 
-def fewest_draws():
-    """Return how many draws suffice to notice the fall, when MOST_LOST of them may be lost."""
-    return next(n for n in count(1) if stats.binom.sf(MOST_LOST, n, 1 - FALLEN) >= NOTICED)
+def passes(survival):
+    """Return how probable it is that the gate passes at a survival of single draws."""
+    lost = stats.binom(FIRST, 1 - survival).pmf
+    return lost(0) + lost(1) * survival**MORE
+
+
+def test_a_fall_is_noticed_and_what_is_published_passes():
+    assert passes(FALLEN) <= 1 - NOTICED
+    assert passes(SURVIVED) > 0.97
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1800)  # 50 s of processor time
+@pytest.mark.timeout(1800)  # 37 s of processor time
 def test_of_few_fixed_draws_at_most_one_is_lost():
     families, lost = [*draw.FAMILIES], {}
-    number = fewest_draws()
-    assert number == 46
-    for k in range(number):
+    for k in range(FIRST + MORE):
+        if k == FIRST and not lost:
+            break
         index, place = divmod(k, len(families))
         row = Row(f'{families[place]}:{index}', CONTROLLER, seed=SEED)
         results = drive_row.drive(drive_row.prepare(row))
         if not results['survived']:
             lost[row.scenario] = results['lost_by']
-    assert len(lost) <= MOST_LOST, lost
+        assert len(lost) <= MOST_LOST, lost
 
 
 def survival(folder, draws, seed):

@@ -1,28 +1,30 @@
 """Every command, file and snippet of README, the tutorials and the guides works.
 
 A page runs from its text, in order, in a folder that looks like a clone to the reader
-(`tutorial_page`).
+(`tutorial_page`). Of pages that are not run, each command is understood with its options.
 """
 
 import os
 import re
+import shlex
 import shutil
 import sys
 from collections import Counter
 from fnmatch import fnmatch
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 import tutorial_page
 from installation import PACKAGES, ROOT
 from recorded_runs import RUNS
-from tyre_files import property_file
 
 from msgs_yaml import share
 
 DOCS = ROOT / 'docs'
 # pages whose commands something else runs
 ELSEWHERE = {
+    'commands.md': 'a list; the tests of each command, and the other pages',
     'index.md': 'a table of contents',
     'managed_nodes.md': 'tests/ros/test_life_cycle.py',
     'packages.md': '`make wheels_test`',
@@ -34,24 +36,31 @@ PAGES = [
     *(p for p in sorted(DOCS.glob('howto/*.md')) if p.name not in ELSEWHERE),
 ]
 # In the first lines of a page: `clone` has copies of the packages, which the page changes; `nodes`
-# starts nodes of ROS; `driven` has the runs of the double lane change, `circle` the circle;
-# `demo` calls `make demo`, which drives there;
-# `quick` runs in `make test`; `launch` has `ros2 launch experiments FILE` and a ROS domain for the
-# whole page. `make check` runs a page that changed, or a command, module, scenario or file that it
-# names; it always runs those with `quick`.
+# starts nodes of ROS; `driven` has the runs of the double lane change; `demo` calls `make demo`,
+# which drives there; `quick` runs in `make test`; `launch` has `ros2 launch experiments FILE` and a
+# ROS domain for the whole page. `make check` runs a page that changed, or what it names: a command
+# and what that imports, a node, a file of a scenario or of parameters, a module of its Python. It
+# always runs those with `quick`.
 ABOUT = re.compile(r'<!-- page: (.+?) -->')
 COMMAND = re.compile(r'\b(bags|experiments) ([a-z]+(?:-[a-z]+)?)\b')
-IMPORT = re.compile(r'^ *from ([\w.]+) import (\([^)]*\)|.*)', re.MULTILINE)
+IMPORT = re.compile(r'^ *(?:from|import) ([\w.]+)(?: import (\([^)]*\)|.*))?', re.MULTILINE)
 WORD = re.compile(r'[a-z]\w{2,}')
+NOT_RUN = [
+    page
+    for page in (*DOCS.rglob('*.md'), *ROOT.glob('*/README.md'))
+    if {page, *page.parents}.isdisjoint({*PAGES, DOCS / 'generated'})
+    if COMMAND.search(page.read_text())
+]
+FENCED = re.compile(r'^(```+)(\w*)\n(.*?)^\1$', re.MULTILINE | re.DOTALL)
+DATA = ('{}/config/{}.yaml', '{}/scenarios/{}.yaml', '{0}/{0}/{1}.py', '{}/launch/{}.launch.py')
 THIS = 'tests/docs/test_pages.py'
-SHIPPED = ('bags/reference', 'experiments/config', 'paper/picture', 'paper/settings', 'paper/study')
+SHIPPED = ('bags/reference', 'paper/picture')
 # why a block is not run, and in how many blocks
 ONLY_THE_READER = {
-    'another page drives on the wall clock': 1,
     'sets up the clone, as the tests do before they begin': 1,
     'needs an installation of ROS 2': 2,
     'changes the system of the reader': 1,
-    'needs a second machine': 3,
+    'needs a second machine': 1,
 }
 # as the command does it where `launch` is installed, and with its stand-in elsewhere
 ROS2_LAUNCH = """#!/bin/sh
@@ -60,23 +69,9 @@ exec {python} {runner} $file "$@"
 """
 # what pip does after a change, PYTHONPATH does here; a run takes a free domain, as in the terminal
 # of a reader, where that of the other terminals is not set; `make demo` runs its recipe on the
-# pages that are about it; what takes long is done for less
+# pages that are about it; a recording is played at twenty times its speed
 PRELUDE = """
-experiments() {
-    case "$*" in
-    'tune '*)
-        mkdir few
-        sed -E 's/points: [0-9]+, tasks: [0-9]+/points: 2, tasks: 1/; s/count: 10/count: 1/
-            s/^judged_tasks:.*/judged_tasks: 2/' paper/study/study.yaml > few/study.yaml
-        set -- "$@" --plan few --jobs 1;;
-    'library '*) set -- "$@" --draws 1 --jobs 1;;
-    'batch experiments/config/'*)
-        sed 's/^runs: .*/runs: 1/' "$2" > one_run.yaml
-        shift 2
-        set -- batch one_run.yaml "$@";;
-    esac
-    env -u ROS_DOMAIN_ID experiments "$@"
-}
+experiments() { env -u ROS_DOMAIN_ID experiments "$@"; }
 bags() {
     test "$1" != play || set -- "$@" --rate 20
     command bags "$@"
@@ -96,36 +91,30 @@ def about(page):
 
 
 def names_of(page):
-    """Return patterns of the page, of the tools that run it, and of what its blocks name.
-
-    That is every file and folder of a package with the name of a word in them, such as a module, a
-    scenario, a controller or a node, and what the modules of its commands import.
-    """
+    """Return patterns of the page, of the tools that run it, and of what its blocks name."""
     text, about_it = page.read_text(), about(page)
     names = {page.relative_to(ROOT).as_posix(), THIS, 'tests/helpers/*_page.py'}
-    names |= {f'tests/helpers/{name}.py' for name in ('recorded_runs', 'tyre_files')}
     names |= {'Makefile', '.ci/install.py', 'requirements*'} if 'demo' in about_it else set()
     if 'launch' in about_it:
         names |= {'experiments/launch/*', 'tests/experiments/run/run_launch_file.py'}
     blocks = '\n'.join(f'{block.value}\n{block.text}' for block in tutorial_page.find_blocks(text))
-    words = set(WORD.findall(blocks)) - {*PACKAGES}
-    for program, command in COMMAND.findall(text):
-        name = command.replace('-', '_')
-        words.add(name)
-        module = ROOT / program / program / 'commands' / f'{name}.py'
-        names |= imported_by(module) if module.exists() else set()
     for package in PACKAGES:
-        names |= {f'{package}/*/{word}{end}' for word in words for end in ('.*', '/*')}
-    return names | {f'{name}/*' for name in (*SHIPPED, 'docs/examples') if name in text}
+        names |= {form.format(package, word) for form in DATA for word in WORD.findall(blocks)}
+        names |= {*re.findall(rf'{package}/[\w./]+', blocks)}
+    for program, command in COMMAND.findall(text):
+        module = ROOT / program / program / 'commands' / f'{command.replace("-", "_")}.py'
+        if module.exists():
+            names |= {module.relative_to(ROOT).as_posix(), *imported_by(module.read_text())}
+    names |= {f'{name}/*' for name in (*SHIPPED, 'docs/examples') if name in text}
+    return names | imported_by(blocks)
 
 
-def imported_by(module):
-    """Return patterns of the modules of this project that a module imports."""
+def imported_by(source):
+    """Return patterns of the modules that Python source imports."""
     names = set()
-    for path, members in IMPORT.findall(module.read_text()):
+    for path, members in IMPORT.findall(source):
         folder = path.replace('.', '/')
-        names.add(f'*/{folder}.py')
-        names |= {f'*/{folder}/{name}.py' for name in WORD.findall(members)}
+        names |= {f'*/{folder}.py', *(f'*/{folder}/{name}.py' for name in WORD.findall(members))}
     return names
 
 
@@ -148,13 +137,6 @@ def home(tmp_path):
     for name in (*SHIPPED, 'docs/examples', 'docs/requirements.txt'):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).symlink_to(ROOT / name)
-    own = {
-        'my_scenario.yaml': share.path('scenario_publisher', 'scenarios', 'straight.yaml'),
-        'my_mpcc.yaml': share.path('mpcc_controller', 'config', 'mpcc.yaml'),
-    }
-    for name, example in own.items():
-        shutil.copy(example, tmp_path / name)
-    (tmp_path / 'my_tyre.tir').write_text(property_file('tyre_205_60r15.yaml'))
     return tmp_path
 
 
@@ -201,10 +183,9 @@ def test_a_page_does_what_it_says(page, home, request):
     if 'launch' in words:
         environment['PATH'] = f'{give_launch(home)}{os.pathsep}{paths}'
         environment['ROS_DOMAIN_ID'] = str(request.getfixturevalue('domain'))
-    for word, fixture in (('driven', 'recorded_runs'), ('circle', 'recorded_circle')):
-        if word in words:
-            runs = request.getfixturevalue(fixture)
-            shutil.copytree(runs.out / runs.scenario, home / RUNS / runs.scenario)
+    if 'driven' in words:
+        runs = request.getfixturevalue('recorded_runs')
+        shutil.copytree(runs.out / runs.scenario, home / RUNS / runs.scenario)
     if 'demo' in words:
         environment['DEMO'] = 'yes'
     read(page.read_text().replace('/tmp/', f'{home}/tmp/'), home, environment)
@@ -213,29 +194,47 @@ def test_a_page_does_what_it_says(page, home, request):
 def test_blocks_that_only_the_reader_can_run_are_counted():
     blocks = [b for page in PAGES for b in tutorial_page.find_blocks(page.read_text())]
     assert Counter(b.value for b in blocks if b.kind == 'not run') == ONLY_THE_READER
-    assert sum(b.kind in ('run', 'program', 'run as', 'terminal') for b in blocks) > 60
+    assert sum(b.kind in ('run', 'program', 'terminal') for b in blocks) > 60
+
+
+def commands_of(page):
+    """Yield the words of each command of our programs in the blocks of a page, options and all."""
+    for _, language, text in FENCED.findall(page.read_text()):
+        for line in text.replace('\\\n', ' ').splitlines() if language in ('', 'sh') else ():
+            words = shlex.split(line, comments=True) if COMMAND.match(line) else []
+            if words and not any(re.search(r'[\[(|]|\.\.\.', word) for word in words):
+                yield words
+
+
+@pytest.mark.parametrize('page', NOT_RUN, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_each_command_of_a_page_that_is_not_run_is_understood(page, monkeypatch):
+    for program, command, *words in commands_of(page):
+        module = import_module(f'{program}.commands.{command.replace("-", "_")}')
+        monkeypatch.setattr(module, 'run', lambda options: 0)
+        assert import_module(f'{program}.cli').main([command, *words]) == 0
 
 
 @pytest.mark.parametrize(
     ('page', 'file', 'reads'),
     [
-        ('docs/howto/commands.md', 'experiments/experiments/commands/replay_check.py', True),
-        ('docs/howto/commands.md', 'experiments/experiments/replay/check.py', True),
-        ('docs/howto/commands.md', 'bags/bags/report/comparison.py', True),
-        ('docs/howto/commands.md', 'scenario_publisher/scenarios/double_lane_change.yaml', True),
-        ('docs/howto/commands.md', 'mpcc_controller/config/mpcc_no_ca.yaml', True),
-        ('docs/howto/commands.md', 'vehicle_plant/vehicle_plant/plant_node.py', True),
-        ('docs/howto/commands.md', 'vehicle_plant/vehicle_plant/identify.py', True),
-        ('docs/howto/commands.md', 'scenario_publisher/scenarios/circle_50m.yaml', False),
-        ('docs/howto/launch.md', 'experiments/launch/closed_loop.launch.py', True),
-        ('docs/howto/launch.md', 'experiments/experiments/tuning.py', False),
-        ('docs/quickstart.md', 'requirements-studies.txt', True),
-        ('docs/howto/python.md', 'bags/bags/run.py', True),
-        ('docs/howto/python.md', 'mpcc_controller/mpcc_controller/driving/choose.py', False),
+        ('tutorials/01_first_run.md', 'experiments/experiments/commands/replay_check.py', True),
+        ('tutorials/01_first_run.md', 'experiments/experiments/replay/check.py', True),
+        ('tutorials/01_first_run.md', 'bags/bags/report/comparison.py', True),
+        ('howto/own_plant.md', 'scenario_publisher/scenarios/double_lane_change.yaml', True),
+        ('howto/own_plant.md', 'scenario_publisher/scenarios/circle_50m.yaml', False),
+        ('tutorials/04_weights_and_resolve.md', 'mpcc_controller/config/mpcc.yaml', True),
+        ('tutorials/06_own_cost_term.md', 'mpcc_controller/mpcc_controller/parameters.py', True),
+        ('tutorials/07_own_controller_node.md', 'vehicle_plant/vehicle_plant/plant_node.py', True),
+        ('tutorials/05_another_car.md', 'vehicle_plant/vehicle_plant/identify.py', True),
+        ('howto/launch.md', 'experiments/launch/closed_loop.launch.py', True),
+        ('howto/launch.md', 'experiments/experiments/tuning.py', False),
+        ('quickstart.md', 'requirements-studies.txt', True),
+        ('howto/python.md', 'bags/bags/run.py', True),
+        ('howto/python.md', 'mpcc_controller/mpcc_controller/driving/choose.py', False),
     ],
 )
 def test_a_change_of_what_a_page_uses_selects_it(page, file, reads):
-    assert any(fnmatch(file, pattern) for pattern in names_of(ROOT / page)) == reads
+    assert any(fnmatch(file, pattern) for pattern in names_of(DOCS / page)) == reads
 
 
 FAILS_AT_THE_END = 'sh -c "trap \'exit 3\' INT; echo up; while :; do sleep 0.1; done"'

@@ -8,6 +8,7 @@ import copy
 import math
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import count
 from typing import Any
 
 from rclpy.serialization import deserialize_message, serialize_message
@@ -21,7 +22,8 @@ THOUSAND = 1000
 NS_PER_S = 1_000_000_000
 HUGE_EVERY = 50  # messages: a DDS writer cannot handle more
 
-Sent = list[tuple[float, bytes]]  # what leaves instead of a message: delay [s], bytes
+# (bytes, type, whether the fault is on) -> what leaves instead of a message: delay [s], bytes
+Effect = Callable[[bytes, type, bool], list[tuple[float, bytes]]]
 
 
 def nested_messages(message: Any) -> Iterator[Any]:
@@ -120,7 +122,6 @@ CHANGES: dict[str, Callable[[Any], None]] = {
     'inf': lambda message: set_numbers(message, math.inf),
     'wild': lambda message: set_numbers(message, WILD),
     'frame': set_frames,
-    'huge': enlarge,
     'thousand': multiply_obstacles,
     'path_gap': cut_middle,
     'path_kink': bend,
@@ -128,73 +129,58 @@ CHANGES: dict[str, Callable[[Any], None]] = {
 }
 
 
-class Effect:
-    """What a relay sends instead of a message."""
+def swap() -> Effect:
+    """Return an effect that swaps each pair of messages."""
+    waiting: list[bytes] = []
 
-    def __init__(self, change: Callable[[bytes, type], Sent]):
-        self.during = change  # the fault
+    def swapped(raw, kind, is_active):
+        waiting.append(raw)
+        if is_active and len(waiting) == 1:
+            return []
+        pair = [*waiting[::-1]] if is_active else [*waiting]
+        waiting.clear()
+        return [(0.0, one) for one in pair]
 
-    def outside(self, raw: bytes, kind: type) -> Sent:
-        """Return what is sent before and after the fault."""
-        return [(0.0, raw)]
-
-
-class Swap(Effect):
-    """Swaps each pair of messages."""
-
-    def __init__(self):
-        super().__init__(self.swapped)
-        self.waiting: bytes | None = None
-
-    def swapped(self, raw: bytes, kind: type) -> Sent:
-        """Return nothing for the first message of a pair, both for the second."""
-        first, self.waiting = self.waiting, None if self.waiting else raw
-        return [(0.0, raw), (0.0, first)] if first else []
-
-    def outside(self, raw: bytes, kind: type) -> Sent:
-        """Return the message, after the one that waits."""
-        first, self.waiting = self.waiting, None
-        return [(0.0, one) for one in (first, raw) if one]
+    return swapped
 
 
-class Enlarge(Effect):
-    """Sends a huge message instead of some; it is made once, which takes longer than a tick."""
+def enlarging(every: int) -> Effect:
+    """Return an effect that sends a huge message instead of `every` messages.
 
-    def __init__(self, often: bool):
-        super().__init__(self.enlarged)
-        self.every, self.count, self.huge = HUGE_EVERY if often else 1, 0, b''
+    It is made once, which takes longer than a tick.
+    """
+    huge, number = [], count(1)
 
-    def enlarged(self, raw: bytes, kind: type) -> Sent:
-        """Return the huge message, or nothing."""
-        self.huge = self.huge or _changed(enlarge, raw, kind)
-        self.count += 1
-        return [] if self.count % self.every else [(0.0, self.huge)]
+    def enlarged(raw, kind, is_active):
+        if not is_active:
+            return [(0.0, raw)]
+        huge.extend([] if huge else [_changed(enlarge, raw, kind)])
+        return [] if next(number) % every else [(0.0, huge[0])]
+
+    return enlarged
 
 
-def make_effect(do: str, delay_s: float = 0.0, shift_s: float = 0.0, rate_hz: float = 0.0):
-    """Return the effect of a word of EFFECTS on a topic of some rate."""
+def make_effect(
+    do: str, delay_s: float = 0.0, shift_s: float = 0.0, rate_hz: float = 0.0
+) -> Effect:
+    """Return the effect of a word of the catalogue on a topic of some rate."""
     if do == 'reorder':
-        return Swap()
+        return swap()
     if do == 'huge':
-        return Enlarge(often=rate_hz > 100.0)
-    changes = {
+        return enlarging(HUGE_EVERY if rate_hz > 100.0 else 1)
+    sent = {
         'delay': lambda raw, kind: [(delay_s, raw)],
         'drop': lambda raw, kind: [],
         'duplicate': lambda raw, kind: 2 * [(0.0, raw)],
         'torn': lambda raw, kind: [(0.0, raw[: len(raw) // 2])],
         'empty': lambda raw, kind: [(0.0, serialize_message(kind()))],
-        'stamp': lambda raw, kind: [(0.0, _changed(shifted, raw, kind))],
     }
-    shifted = partial(shift_stamps, shift_s=shift_s)
-    if do in changes:
-        return Effect(changes[do])
-    return Effect(lambda raw, kind: [(0.0, _changed(CHANGES[do], raw, kind))])
+    change = CHANGES | {'stamp': partial(shift_stamps, shift_s=shift_s)}
+    during = sent.get(do) or (lambda raw, kind: [(0.0, _changed(change[do], raw, kind))])
+    return lambda raw, kind, is_active: during(raw, kind) if is_active else [(0.0, raw)]
 
 
 def _changed(change, raw, kind):
     message = deserialize_message(raw, kind)
     change(message)
     return serialize_message(message)
-
-
-EFFECTS = ('delay', 'drop', 'duplicate', 'torn', 'empty', 'stamp', 'reorder', *CHANGES)

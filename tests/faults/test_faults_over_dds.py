@@ -16,7 +16,7 @@ import damage
 import numpy as np
 import pytest
 import yaml
-from node_graph import ROLES, Manager, NodeGraph
+from node_graph import OF_PROCESSES, ROLES, Manager, NodeGraph
 from states import PLANNED, Drive
 from straight_road import LONG, write_straight
 from wait_until import wait_until
@@ -26,6 +26,7 @@ from experiments.run import processes
 from msgs_yaml import contract, decode
 from node_runtime import ros
 
+pytestmark = OF_PROCESSES
 FAULTS = {fault.name: fault for fault in catalogue.load()}
 MESSAGES = (
     'odometry_nan_lockstep',
@@ -65,7 +66,7 @@ class Relay:
 
     def forward(self, topic, kind, publisher, raw):
         effect, is_active = self.effects.get(topic), self.now_ns < self.until_ns
-        for _, changed in effect.during(raw, kind) if effect and is_active else [(0.0, raw)]:
+        for _, changed in effect(raw, kind, is_active) if effect else [(0.0, raw)]:
             publisher.publish(changed)
 
     def on_why(self, message):

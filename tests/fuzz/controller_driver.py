@@ -1,7 +1,7 @@
 """A controller node driven tick by tick with fresh stamps, and its response to each state.
 
-The clock of the node, by which it judges the age of its inputs, is set to the instant of each tick:
-inputs are as fresh as in a drive however busy the machine is, without waiting for the next tick.
+Its clock, by which it judges the age of its inputs, is set to the instant of each tick: inputs are
+as fresh as in a drive, however busy the machine is.
 """
 
 import math
@@ -13,7 +13,6 @@ from node_bench import NodeBench
 from mpcc_controller.driving import fallback
 from msgs_yaml import conformance, decode
 from msgs_yaml.types import Command
-from node_runtime import ros
 from stage_solver.solution import SOLVED, STOPPED_EARLY
 
 # outcomes of a tick
@@ -27,18 +26,6 @@ BACK_NS = 10 * node_bench.TICK_NS
 SILENCE_NS = 300_000_000  # without a state: beyond every limit of its age
 ROUNDING = 1e-6  # relative
 RECOVERY_TICKS = 10  # of valid input until a solve answers
-
-
-class Clock:
-    """The wall clock of a node: starts at the real time and advances only by `advance`."""
-
-    def __init__(self, wall):
-        self.instant_ns = wall.now_ns()
-        wall.now_ns = lambda: self.instant_ns
-
-    def advance(self, duration_ns: int) -> None:
-        """Set the clock forward."""
-        self.instant_ns += duration_ns
 
 
 class ObservedPublisher:
@@ -70,12 +57,9 @@ class Driver:
     def __init__(self, bench: NodeBench):
         self.bench, self.node = bench, bench.node
         self.realtime = bench.mode == 'realtime'
-        self.clock = Clock(self.node.wall)
         self.node.command_pub = ObservedPublisher(self.node.command_pub, self.check)
         self.node.why_pub = ObservedPublisher(self.node.why_pub, self.on_why)
         self.answer = UNANSWERED
-        # the controller brakes when the states of an existing publisher stop
-        self.vehicle = ros.publisher(bench.listener, '/vehicle/odometry')
         self.stamp_ns = LATE_NS
         self.last: Command | None = None  # that was published, None after a restart
         self.faults: list[AssertionError] = []  # of commands; the node survives what raises in it
@@ -84,9 +68,9 @@ class Driver:
     def next_tick(self) -> int:
         """Begin a tick; return its stamp [ns]."""
         if self.realtime:
-            now_ns = self.clock.instant_ns
-            self.clock.advance(node_bench.TICK_NS - now_ns % node_bench.TICK_NS)
-            self.stamp_ns = self.clock.instant_ns
+            bus = self.bench.bus
+            bus.now_ns += node_bench.TICK_NS - bus.now_ns % node_bench.TICK_NS
+            self.stamp_ns = bus.now_ns
         else:
             self.stamp_ns += node_bench.TICK_NS
         return self.stamp_ns
@@ -98,7 +82,7 @@ class Driver:
         back.
         """
         if self.realtime:
-            self.clock.advance(SILENCE_NS)
+            self.bench.bus.now_ns += SILENCE_NS
             self.node.on_timer()
             self.look()
         else:
@@ -114,9 +98,8 @@ class Driver:
         self.reset(actuators, resumed)
 
     def send(self, topic: str, message) -> None:
-        """Call the callback of a topic with a message or its bytes."""
-        raw = message if isinstance(message, bytes) else ros.serialize(message)
-        node_bench.subscription(self.node, topic).callback(raw)
+        """Let the node hear a message or its bytes."""
+        node_bench.send(self.node, topic, message)
 
     def send_valid(self, *but: str) -> None:
         """Send every input of the present tick except `but`; the state is the last one."""
@@ -131,7 +114,6 @@ class Driver:
         """
         answer, self.answer = self.answer, UNANSWERED
         self.node.on_timer()
-        self.bench.drain()
         if self.faults:
             raise self.faults.pop(0)
         return answer

@@ -1,17 +1,17 @@
-"""A single real node in this process, with a listener for its messages."""
+"""A single real node in this process; its topics and clock are those of a bus (`node_ring`)."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import rclpy
+from node_ring import Bus, name_of
 from rclpy.node import Node
 
 from experiments.run import domain
 from mpcc_controller.controller_node import ControllerNode
-from msgs_yaml import contract, encode
+from msgs_yaml import encode
 from msgs_yaml.types import (
     Actuators,
     Command,
@@ -31,67 +31,34 @@ NODES: dict[str, Callable[[], Node]] = {
     'plant': PlantNode,
     'scenario': ScenarioNode,
 }
-OUTPUTS = {'controller': '/controller/command', 'scenario': '/scenario/obstacles'}
 # no solver runs out of time, however busy this machine is
 PATIENT = {'solver.time_limit_s': 10.0, 'solver.patience_s': 10.0}
 LINE = np.array([[0.0, 3.5], [900.0, 3.5]])
 X = np.linspace(0.0, 900.0, 10)
 
 
-class Inbox:
-    """The input of actuators of a controller, filled without the middleware."""
-
-    topic_name, raw = '/vehicle/actuators', True
-
-    def __init__(self, node: ControllerNode):
-        node.inputs.destroy()
-        self.newest, self.look = None, node.advance
-
-    def callback(self, raw: bytes) -> None:
-        """Replace the newest message."""
-        self.newest = raw
-        self.look()
-
-    def take(self) -> bytes | None:
-        """Return the message since the last call, None for none."""
-        raw, self.newest = self.newest, None
-        return raw
-
-    def has_publisher(self) -> bool:
-        """Return True: somebody fills it."""
-        return True
-
-    def destroy(self) -> None:
-        """Do nothing: there is no subscription."""
-
-
-@dataclass
 class NodeBench:
-    """A node under test and its listener."""
+    """A node under test; a controller hears that a vehicle publishes its state and actuators."""
 
-    name: str
-    mode: str
-    node: Node
-    listener: Node
-    outputs: list
+    def __init__(self, name: str, mode: str, bus: Bus):
+        self.name, self.mode, self.bus = name, mode, bus
+        self.vehicle = rclpy.create_node('vehicle', start_parameter_services=False)
+        self.vehicle.declare_parameter(node_parameters.MODE, mode)
+        for topic in ('/vehicle/odometry', '/vehicle/actuators') if name == 'controller' else ():
+            ros.publisher(self.vehicle, topic)
+        self.start()
+
+    def start(self) -> None:
+        """Create and start the node."""
+        self.node = NODES[self.name]()
+        self.node.bus = self.bus
+        self.node.start()
 
     def renew(self) -> None:
         """Replace the node by a new one of the same kind."""
+        self.bus.forget(self.name)
         self.node.destroy_node()
-        self.node = _started(self.name)
-
-    def subscriptions(self) -> list:
-        """Return the subscriptions of the node to topics of the contract."""
-        return subscriptions(self.node)
-
-    def drain(self) -> list[Any]:
-        """Return the messages of the node since the last call."""
-        messages = []
-        for output in self.outputs:
-            with output.handle:
-                while taken := output.handle.take_message(output.msg_type, False):
-                    messages.append((output.topic_name, taken[0]))
-        return messages
+        self.start()
 
 
 @contextmanager
@@ -101,32 +68,15 @@ def running(name: str, mode: str) -> Iterator[NodeBench]:
         given = {'mode': mode} | (PATIENT if name == 'controller' else {})
         arguments = [word for item in given.items() for word in ('-p', '{}:={}'.format(*item))]
         rclpy.init(args=['--ros-args', *arguments], domain_id=number)
+        bus = Bus(0)
         try:
-            listener = rclpy.create_node('listener', start_parameter_services=False)
-            listener.declare_parameter(node_parameters.MODE, mode)
-            outputs = [ros.subscribe(listener, OUTPUTS[name], print)] if name in OUTPUTS else []
-            bench = NodeBench(name, mode, _started(name), listener, outputs)
-            if name == 'controller':
-                bench.node.inputs.newest_actuators = Inbox(bench.node)
-            yield bench
-            bench.node.destroy_node()
-            listener.destroy_node()
+            with bus.connecting():
+                bench = NodeBench(name, mode, bus)
+                yield bench
+                bench.node.destroy_node()
+                bench.vehicle.destroy_node()
         finally:
             rclpy.shutdown()
-
-
-def _started(name):
-    node = NODES[name]()
-    node.start()
-    return node
-
-
-def subscriptions(node: Node) -> list:
-    """Return the subscriptions of a node to topics of the contract."""
-    topics = contract.load().topics
-    own = [one for one in node.subscriptions if one.topic_name in topics]
-    inputs = getattr(node, 'inputs', None)
-    return own if inputs is None else [*own, inputs.newest_actuators]
 
 
 def valid_messages(stamp_ns: int) -> dict[str, Any]:
@@ -148,16 +98,17 @@ def send_path(node: Node, stamp_ns: int) -> None:
     send(node, '/scenario/reference', valid_messages(stamp_ns)['/scenario/reference'])
 
 
-def subscription(node: Node, topic: str) -> Any:
-    """Return the subscription of a node to a topic."""
-    (result,) = (one for one in subscriptions(node) if one.topic_name == topic)
-    return result
-
-
 def send(node: Node, topic: str, message: Any) -> None:
-    """Call the callback of a node's subscription, with bytes where it takes bytes."""
-    receiver = subscription(node, topic)
-    receiver.callback(ros.serialize(message) if receiver.raw else message)
+    """Let a node hear a message or its bytes."""
+    raw = message if isinstance(message, bytes) else ros.serialize(message)
+    (receiver,) = (
+        one
+        for one in node.bus.subscriptions
+        if (one.topic_name, one.node_name) == (topic, name_of(node))
+    )
+    receiver.receive(raw)
+    if receiver.is_polled:
+        node.advance()
 
 
 def command(stamp_ns: int) -> Any:

@@ -5,6 +5,7 @@ from functools import partial
 
 import hostile_messages
 import pytest
+from example_messages import load_example
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -172,8 +173,9 @@ def test_what_cannot_be_read_is_recorded_all_the_same(topic, tmp_path):
             return raw
 
     @FEWER
-    @given(batch(hostile_messages.raws(topic), BAG))
-    def example(raws):
+    @given(batch(hostile_messages.changes(), BAG))
+    def example(changes):
+        raws = [hostile_messages.changed(load_example(topic), change) for change in changes]
         used, refused = record(tmp_path / f'bag{len(list(tmp_path.iterdir()))}', {topic: raws})
         assert (topic, 0) not in refused
         kept = [raw for number, raw in enumerate(raws) if (topic, number) not in refused]

@@ -81,10 +81,6 @@ CAPABILITIES = {
         lambda: shutil.which('ffmpeg') is not None, 'no ffmpeg is installed: no video is written'
     ),
     'ipv6': Capability(has_ipv6, 'the IPv6 loopback address ::1 is not configured'),
-    'mounts': Capability(
-        lambda: runs('unshare', '--mount', 'mount', '-t', 'tmpfs', 'tmpfs', '/mnt'),
-        'this user may not mount a tmpfs',
-    ),
     'namespaces': Capability(
         lambda: runs('unshare', '--net', '--mount', 'ip', 'link', 'show'),
         'this user may not make network namespaces, or there is no `ip`',

@@ -168,8 +168,7 @@ class Bus:
             listener(raw)
         relay, sent = self.relays.get(topic), []
         if relay:
-            effect = relay.effect
-            sent = effect.during(raw, kind) if relay.is_active() else effect.outside(raw, kind)
+            sent = relay.effect(raw, kind, relay.is_active())
         for subscription in self.connected(publisher):
             is_relayed = relay and relay.hearer in ('', subscription.node_name)
             for delay_s, changed in sent if is_relayed else [(0.0, raw)]:

@@ -7,7 +7,6 @@ A comment directly above a fenced block says what it is:
     <!-- in FILE, after: TEXT -->  lines for FILE behind its first line with TEXT; also `before`,
                                    and `replace` for text in the place of TEXT
     <!-- program -->               Python in a process of its own
-    <!-- run as: COMMAND -->       a command that runs in its place, for the same at less cost
     <!-- exit code: N -->          the commands end with N, not 0
     <!-- on the wall clock -->     the commands may end with 1: a busy machine is late
     <!-- terminal -->              each line runs beside what follows, until the end of the page;
@@ -41,7 +40,7 @@ BLOCK = re.compile(
     re.MULTILINE | re.DOTALL,
 )
 KIND = re.compile(
-    r'(file|append|run as|exit code|not run): (.+)|(in) (\S+, (?:before|after|replace): .+)'
+    r'(file|append|exit code|not run): (.+)|(in) (\S+, (?:before|after|replace): .+)'
     r'|(program|terminal|on the wall clock|drawing)'
 )
 OF_LANGUAGE = {'sh': 'run', 'python': 'run', 'text': 'output'}
@@ -149,8 +148,8 @@ class Session:
                     self._printed = self._start(command)
             case 'run' if block.language == 'python':
                 self._printed = self._run_python(block.text)
-            case 'run' | 'run as':
-                self._printed = self._run(block.value or block.text)
+            case 'run':
+                self._printed = self._run(block.text)
             case 'exit code':
                 self._printed = self._run(block.text, int(block.value))
             case 'on the wall clock':

@@ -64,7 +64,7 @@ def test_the_budget_counts_tracked_files_and_names_what_is_above_it(measure, tab
 
 
 MAKE = """#!/bin/sh
-echo "make $* require=${REQUIRE:-no} chromium=${REQUIRE_CHROMIUM:-no} mounts=${REQUIRE_MOUNTS:-no}"
+echo "make $* require=${REQUIRE:-no} chromium=${REQUIRE_CHROMIUM:-no} ipv6=${REQUIRE_IPV6:-no}"
 exit 7
 """
 TOOLS = ('bash', 'cp', 'dirname', 'env', 'mktemp', 'rm', 'sed', 'sh', 'tail', 'timeout')
@@ -92,11 +92,11 @@ def test_the_continuous_integration_installs_a_browser_or_warns(
     for name, text in {'make': MAKE, 'id': ROOT_USER, **programs}.items():
         (tmp_path / name).write_text(text)
         (tmp_path / name).chmod(0o755)
-    given = {'PATH': str(tmp_path), 'TMPDIR': str(tmp_path), 'REQUIRE_MOUNTS': '0'}
+    given = {'PATH': str(tmp_path), 'TMPDIR': str(tmp_path), 'REQUIRE_IPV6': '0'}
     command = [tmp_path / 'bash', ROOT / '.ci/run']
     done = subprocess.run(command, env=given, capture_output=True, text=True, timeout=240)
     assert done.returncode == 7
-    assert done.stdout == f'make check CHANGED_SINCE= require=all chromium={chromium} mounts=0\n'
+    assert done.stdout == f'make check CHANGED_SINCE= require=all chromium={chromium} ipv6=0\n'
     assert (reason in done.stderr, bool(done.stderr)) == (True, bool(reason))
 
 

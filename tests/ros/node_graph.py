@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+import pytest
 import rclpy
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -30,6 +31,15 @@ NUMERIC = (
 # recorded with a new stamp at each repetition, sent once in a simulation
 REPEATED = {'/scenario/reference', '/scenario/road_edges'}
 ROLES = ('scenario', 'controller', 'plant', 'recorder')
+# mark of tests of what processes and DDS add to the nodes, which are tested in one process
+# (`node_ring`) whatever changed, as is a drive of every controller over DDS (test_node_graph.py)
+OF_PROCESSES = pytest.mark.reads(
+    *('*_node.py', 'node_runtime/*', 'msgs_yaml/*', 'bags/bags/storage/*', 'requirements*'),
+    *('experiments/experiments/run/*', 'experiments/experiments/configuration/*'),
+    *('*/driving/trigger.py', '*/driving/watchdog.py', '*/driving/delay_compensation.py'),
+    *('*/driving/parallel_solves.py', '*/stepping.py', '*/run_end.py', '*/compile_cache.py'),
+    *('bags/bags/evaluation/tick*', 'tests/ros/*', 'tests/faults/*', 'tests/helpers/*'),
+)
 PATIENCE_S = 60.0
 LINES = 8  # of a log
 NICE = -10  # on the wall clock, where the user may: other processes are not what is tested

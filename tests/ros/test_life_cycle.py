@@ -4,11 +4,12 @@ A pause in a drive and wrong files are in test_nodes_in_one_process.py.
 """
 
 from lifecycle_msgs.msg import Transition
-from node_graph import ROLES, Manager, NodeGraph
+from node_graph import OF_PROCESSES, ROLES, Manager, NodeGraph
 
 from bags.storage import read
 from experiments.run import processes
 
+pytestmark = OF_PROCESSES
 COMMAND = '/controller/command'
 ROUND = (
     ('configure', 'inactive'),

@@ -5,7 +5,7 @@ from contextlib import ExitStack
 
 import numpy as np
 import pytest
-from node_graph import NUMERIC, ROLES, NodeGraph, note_run
+from node_graph import NUMERIC, OF_PROCESSES, ROLES, NodeGraph, note_run
 from node_ring import NodeRing
 
 from bags.report.comparison import compare_bags
@@ -13,6 +13,7 @@ from bags.storage import read
 from bags.storage.message_filing import LOSS_RECORD
 from msgs_yaml import contract
 
+pytestmark = OF_PROCESSES
 SHORT = {'stop.x_m': 15.0, 'stop.armed_after_m': 1.0}  # about a second of driving
 CARS = {'/car1': {**SHORT, 'start.speed_mps': 15.0}, '/car2': {**SHORT, 'start.speed_mps': 17.0}}
 PLANNED = ('/scenario/obstacles', '/controller/prediction')

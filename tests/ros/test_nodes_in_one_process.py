@@ -10,7 +10,6 @@ import yaml
 from node_graph import assert_equal_tables, note_run
 from node_ring import NodeRing
 from rclpy.parameter import Parameter
-from tyre_files import property_file
 
 from bags.report.comparison import compare_bags
 from bags.storage import cdr, read
@@ -18,7 +17,6 @@ from experiments import simulation
 from experiments.replay import check, recorded_ticks
 from mpcc_controller import run_time_parameters
 from msgs_yaml import conformance
-from node_runtime import parameters as yaml_parameters
 from node_runtime.node_parameters import READ_ONLY
 from node_runtime.parameters import ParameterError
 from scenario_publisher import scenario
@@ -182,15 +180,3 @@ def test_a_car_that_spins_is_a_result_within_the_contract(tmp_path):
         topic, payloads = bag.recordings[name].topic, bag.recordings[name].payloads
         for payload in payloads[::10]:
             assert not conformance.check(name, cdr.decode(payload, topic.schema, topic.type))
-
-
-def test_a_run_notes_the_coefficients_of_a_tyre_property_file(tmp_path, monkeypatch):
-    (tmp_path / 'my.tir').write_text(property_file('tyre_205_60r15.yaml'))
-    monkeypatch.chdir(tmp_path)
-    ring = NodeRing(tmp_path, 'lockstep', 'straight', plant={'tyre_set': './my.tir', **SHORT})
-    noted = json.loads(note_run(ring.configured, tmp_path, 'straight')['parameters'])['plant']
-    assert noted['tyre_set'] == './my.tir'
-    expected = yaml_parameters.flatten(parameters.load_tyre('tyre_205_60r15.yaml'))
-    assert {name: noted[name] for name in expected} == expected
-    with ring:
-        assert len(ring.finish().recordings['/vehicle/odometry'].payloads) > 100

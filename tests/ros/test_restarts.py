@@ -5,13 +5,14 @@ What the car does meanwhile is in tests/faults.
 
 import numpy as np
 import pytest
-from node_graph import ROLES, Manager, NodeGraph
+from node_graph import OF_PROCESSES, ROLES, Manager, NodeGraph
 from straight_road import LONG, write_straight
 from wait_until import wait_until
 
 from bags.storage import read, repair
 from experiments.run import processes
 
+pytestmark = OF_PROCESSES
 STATE, WHY = '/vehicle/odometry', '/controller/why'
 TICK_NS = 50_000_000
 FAST_MPS = 35.0

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from capabilities import report_missing, require
 from file_locks import is_locked
-from node_graph import ROLES, Manager, NodeGraph
+from node_graph import OF_PROCESSES, ROLES, Manager, NodeGraph
 from wait_until import wait_until
 
 from bags.storage import read
@@ -21,7 +21,7 @@ from experiments.run import processes
 from node_runtime.parameters import RUN_TIME
 from stage_solver import compile_cache
 
-pytestmark = pytest.mark.usefixtures('domain')
+pytestmark = [pytest.mark.usefixtures('domain'), OF_PROCESSES]
 END_S = 60.0  # a node may take to end, on a busy machine
 COMPILE_S = 120.0  # other programs may compile, on a busy machine
 # one in which the path is there before the controller is, and another one for each commit

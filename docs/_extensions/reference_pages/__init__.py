@@ -5,7 +5,7 @@ topic_page        topics of the contract
 metric_page       metrics of a comparison
 scenario_page     keys of a scenario file
 command_pages     help of every command, exit codes
-launch_table      arguments of the launch file, a block of the page about it
+launch_table      arguments of the launch file
 markdown          tables and headings
 """
 
@@ -21,6 +21,7 @@ def pages() -> dict[str, str]:
     # the packages that are described take a second to load
     from reference_pages import (
         command_pages,
+        launch_table,
         metric_page,
         parameter_pages,
         scenario_page,
@@ -30,6 +31,7 @@ def pages() -> dict[str, str]:
     return {
         **parameter_pages.pages(),
         'topics': topic_page.page(),
+        'launch_arguments': launch_table.page(),
         'metrics': metric_page.page(),
         'scenario_keys': scenario_page.page(),
         **command_pages.pages(),

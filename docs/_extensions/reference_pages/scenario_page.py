@@ -5,6 +5,8 @@ import inspect
 import types
 import typing
 
+from plain_docstrings import class_fields
+
 from msgs_yaml import strict_yaml
 from reference_pages.markdown import code, table, text
 from scenario_publisher import schema
@@ -21,14 +23,15 @@ def page(root: type = schema.File) -> str:
     ]
     for name, cls in blocks(root).items():
         allowed_default = strict_yaml.defaults(cls)
+        meanings = {field.name: field.meaning for field in class_fields(schema).get(name, ())}
         rows = [
-            (code(key), _kind(hint), _default(allowed_default, key))
+            (code(key), text(meanings.get(key, '')), _kind(hint), _default(allowed_default, key))
             for key, hint in strict_yaml.field_types(cls).items()
         ]
         about = inspect.getdoc(cls) or ''
         if about.startswith(f'{cls.__name__}('):  # of a dataclass without one
             about = 'A block with one key.'
-        parts += [f'## {name}', text(about), table(('key', 'value', 'default'), rows)]
+        parts += [f'## {name}', text(about), table(('key', 'meaning', 'value', 'default'), rows)]
     return '\n\n'.join(parts) + '\n'
 
 

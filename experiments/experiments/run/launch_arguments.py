@@ -8,8 +8,6 @@ from typing import NamedTuple
 
 MODES, SWITCH = ('lockstep', 'realtime'), ('true', 'false')
 LEVELS = ('debug', 'info', 'warn', 'error', 'fatal')
-# the page with the table of the arguments, and the block of it that holds the table
-PAGE, BLOCK = 'docs/howto/launch.md', 'arguments'
 
 
 class LaunchArgument(NamedTuple):
