@@ -133,7 +133,7 @@ KINDS: dict[str, Callable[[], Iterable[str]]] = {
     'column': columns,
     'metric': lambda: reference('metrics'),
     'figure': figures,
-    'launch': lambda: in_files('*/launch.md', CELL),
+    'launch': lambda: reference('launch_arguments'),
     'make': lambda: in_files('Makefile', r'^(\w+):(?!=)'),
     'python': python,
 }
