@@ -38,6 +38,7 @@ PACKAGES = (
 RESULTS = ('paper', 'README.md', 'docs', 'bags/reference')
 UNKNOWN = 'unknown'
 LABEL = 'label'  # name in the metadata of a run that its user labelled
+CONTROLLER_TEXT = 'controller_description'  # the comment at the top of the parameter file
 LABEL_SIGN = '@'  # between controller and label, or number, in the name of a run
 DIRTY = '-dirty'
 GIT_S = 5.0
@@ -142,3 +143,13 @@ def _git(folder, *arguments):
     except (OSError, subprocess.TimeoutExpired):
         return None
     return result.stdout.strip() if result.returncode == 0 else None
+
+
+def leading_comment(text: str) -> str:
+    """Return the comment at the top of a YAML file, without the `#`, as one paragraph."""
+    lines = []
+    for line in text.splitlines():
+        if not line.startswith('#'):
+            break
+        lines.append(line.lstrip('#').strip())
+    return ' '.join(line for line in lines if line)

@@ -105,7 +105,7 @@ def changes(code):
             found.append((function, own, new))
     assert found, code
     for cached in [o for o in gc.get_objects() if hasattr(type(o), 'cache_clear')]:
-        if cached.__wrapped__ in [function for function, _, _ in found]:
+        if getattr(cached, '__wrapped__', None) in [function for function, _, _ in found]:
             cached.cache_clear()  # it may know this tick from the drive that was traced
     return found
 

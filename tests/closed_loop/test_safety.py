@@ -27,11 +27,14 @@ class Failing:
 class Slow:
     """A solver that takes its time on a clock of its own."""
 
-    def __init__(self, inner, seconds):
-        self.inner, self.seconds, self.now = inner, seconds, 0.0
+    def __init__(self, seconds):
+        self.inner, self.seconds, self.now = None, seconds, 0.0
 
     def __call__(self):
         return self.now
+
+    def set_time_limit(self, seconds):
+        self.inner.set_time_limit(seconds)
 
     def solve(self, *numbers):
         self.now += self.seconds
@@ -98,9 +101,9 @@ def test_delay_compensation_improves_a_late_controller(setup, late_ms):
     for aware, longest_s in ((True, params.delay.longest_s), (False, 0.0)):
         delay = dataclasses.replace(params.delay, longest_s=longest_s)
         changed = dataclasses.replace(params, solver=solver, delay=delay)
-        controller = Controller(changed, setup.vehicle, limit_time=True)
-        slow = Slow(controller.parts.solvers.followed, late_ms / 1e3 - params.delay.transport_s)
-        controller.parts.solvers.followed = controller.parts.clock = slow
+        slow = Slow(late_ms / 1e3 - params.delay.transport_s)
+        controller = Controller(changed, setup.vehicle, limit_time=True, clock=slow)
+        slow.inner, controller.parts.solvers.followed = controller.parts.solvers.followed, slow
         loop = loops[aware] = Loop(setup, controller, late_ms)
         while not loop.outcome:
             loop.tick()

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from bags.errors import BagError
+from node_runtime.provenance import CONTROLLER_TEXT
 
 # how the plant is run, and names of its files; all other parameters are physical
 NOT_PHYSICAL = (
@@ -30,7 +31,6 @@ HASH_DIGITS = 10  # of commits and files; comparison.json and the bag have all
 # paths of the recorder, which differ between any two runs
 PER_RUN = ('out', 'run_info')
 SCENARIO_TEXT = 'scenario_text'
-CONTROLLER_TEXT = 'controller_description'  # the comment at the top of the parameter file
 UNKNOWN = 'the recording holds no description'
 
 
@@ -141,13 +141,3 @@ def describe_runs(names: Sequence[str], infos: Sequence[Mapping[str, str]]) -> d
         'scenario_file': text,
         'controllers': controllers,
     }
-
-
-def leading_comment(text: str) -> str:
-    """Return the comment at the top of a YAML file, without the `#`, as one paragraph."""
-    lines = []
-    for line in text.splitlines():
-        if not line.startswith('#'):
-            break
-        lines.append(line.lstrip('#').strip())
-    return ' '.join(line for line in lines if line)

@@ -16,7 +16,6 @@ import yaml
 
 from bags.errors import BagError
 from bags.evaluation.drive import LATERAL_LIMIT, circles_of, outline_of
-from bags.report.comparability import CONTROLLER_TEXT, leading_comment
 from msgs_yaml import missing_file, share, strict_yaml
 from msgs_yaml.missing_file import YAML_SUFFIXES
 from node_runtime import node_parameters, parameters, provenance
@@ -345,7 +344,7 @@ def write_run_info(
     run_info = provenance.describe_run(scn.name, scn.text, controller.name, mode, values)
     if controller.label:
         run_info[provenance.LABEL] = controller.label
-    run_info[CONTROLLER_TEXT] = leading_comment(controller.config.read_text())
+    run_info[provenance.CONTROLLER_TEXT] = provenance.leading_comment(controller.config.read_text())
     if loaded.lateral_limit is not None:
         run_info[LATERAL_LIMIT] = repr(loaded.lateral_limit)
     path.write_text(json.dumps(run_info, indent=2))

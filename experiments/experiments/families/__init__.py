@@ -6,6 +6,7 @@ feasibility        closed forms that say whether a draw can be mastered: nominal
 open_road          what appears, comes towards the car or crosses on a straight road
 lane_course        slaloms, gates, lane changes: where the room is narrow
 bends              an obstacle in a bend
+traffic            other road users on roads that bend
 slippery           another friction under one side of the car or both
 lane_change_task   tasks of the study of tuned controllers
 plant_variant      their plants, and the cars identified on them

@@ -14,10 +14,10 @@ from bags.report import page, page_figures
 from bags.report.comparability import (
     UNKNOWN,
     describe_runs,
-    leading_comment,
     origin_rows,
     parameter_rows,
 )
+from node_runtime import provenance
 
 LIMIT_BYTES = 5_000_000
 
@@ -117,7 +117,9 @@ def test_every_metric_and_its_meaning_stand_in_the_glossary(report):
 def test_scenario_and_controllers_are_described_where_the_bag_does(material, runs):
     info = {
         'scenario_text': 'name: s\ndescription: Two cars < one road.\n',
-        'controller_description': leading_comment('# A first line\n# and a second.\nbase: x\n'),
+        'controller_description': provenance.leading_comment(
+            '# A first line\n# and a second.\nbase: x\n'
+        ),
     }
     told = [changed(run, run_info=info) for run in runs]
     text = page.report_html(material, told)
