@@ -225,7 +225,8 @@ class TaskProcess:
     @property
     def is_idle(self) -> bool:
         """Whether it waits for a task. One that has ended does not, nor one with an answer."""
-        return self._popen.returncode is None and not connection.wait([self._popen.stdout], 0.0)
+        pipe = self._popen.stdout
+        return self._popen.returncode is None and not connection.wait([pipe], 0.0)
 
     def begin(self, task: bytes) -> None:
         """Begin a task, a pickled function with its arguments. Raises OSError when it has ended."""
@@ -269,6 +270,7 @@ class TaskProcess:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self._popen.pid, signal.SIGKILL)  # its compilers, too, also of a crash
         code = self._popen.wait()
+        self._popen.stdout.close()
         if code >= 0:
             return f'its process ended with exit code {code}'
         hint = ' (out of memory?)' if -code == signal.SIGKILL else ''
@@ -292,9 +294,9 @@ def _do(command, check, task, limit_s):
     """Do a task in a process of a command; return the answer, pickled."""
     own = _processes.setdefault(command, _Processes())
     try:
-        process = own.idle.pop() if own.idle and not own.has_left else None
-        if process is None or not process.is_idle:
-            process = None if own.has_left else _start(own, check)
+        process = _idle(own)
+        if process is None and not own.has_left:
+            process = _start(own, check)
     except (OSError, RefusedError) as error:
         return pickle.dumps((None, RefusedError(str(error)), ''))
     if own.has_left:
@@ -304,6 +306,18 @@ def _do(command, check, task, limit_s):
     answer = process.do(task, limit_s)
     own.idle.append(process)
     return answer
+
+
+def _idle(own):
+    """Return a process that waits for a task, None without one; those that have ended are left."""
+    while True:
+        try:
+            process = own.idle.pop()  # of several threads one gets it
+        except IndexError:
+            return None
+        if process.is_idle:
+            return process
+        process.end()
 
 
 def _start(own, check):
@@ -328,6 +342,8 @@ def _end_processes(command):
     end = time.monotonic() + LEAVE_S
     for process in own.started:
         process.end(max(0.0, end - time.monotonic()))
+    own.started.clear()
+    own.idle.clear()
 
 
 def work() -> None:

@@ -171,9 +171,11 @@ def read_file(path: Path, config: Path | None = None) -> ParameterFile:
 
 def _read_chain(path, config, derived):
     """Return a file and its bases; `derived` are the files that lead to it, the first one first."""
-    *mappings, base = _own_parameters(read(path))
+    values, sources, comments, base = _own_parameters(read(path))
     based_on = _find_base(base, path, config) if base and parse_value(str, base) else None
-    own = ParameterFile(*map(dict, mappings), based_on)
+    # a caller may change what it gets
+    values = {k: [*v] if isinstance(v, list) else v for k, v in values.items()}
+    own = ParameterFile(values, dict(sources), dict(comments), based_on)
     if own.base is None:
         return own
     chain = (*derived, path)

@@ -7,6 +7,7 @@ import pytest
 from driven_setups import Loop
 
 from experiments import simulation
+from mpcc_controller.driving import braking
 from mpcc_controller.driving.controller import Controller
 from stage_solver.solution import FAILED
 
@@ -91,6 +92,12 @@ def test_a_solver_that_dies_in_the_double_lane_change_ends_in_a_safe_stop(fails_
     assert rungs[:5] == ['shifted'] * 5
     assert set(rungs[5:]) == {'braking'}
     assert len(rungs) < 90  # 4.5 s from 75 km/h, most of it in a bend
+
+
+def test_braking_straight_instead_would_have_hit_an_obstacle(fails_at, monkeypatch):
+    straight = (braking.NONE, None)
+    monkeypatch.setattr(braking, 'lookahead_point', lambda *_: straight)
+    assert least_gap(fails_at(35)) < 0
 
 
 @pytest.mark.parametrize('late_ms', [10, 20])

@@ -2,11 +2,13 @@
 
 import os
 import subprocess
+from fnmatch import fnmatch
 
 import capabilities
 import changes
 import commit_seed
 import pytest
+from node_graph import OF_PROCESSES
 from session_cache import build_once
 
 GIT = ('git', '-c', 'user.name=a', '-c', 'user.email=a@b.example', '-c', 'commit.gpgsign=false')
@@ -103,3 +105,9 @@ def test_a_folder_is_built_once_and_again_after_a_failure(tmp_path):
     folder = build_once(Factory(), 'thing', lambda folder: (folder / 'file').touch())
     assert build_once(Factory(), 'thing', fails) == folder
     assert [path.name for path in folder.iterdir()] == ['file']
+
+
+def test_every_pattern_of_what_the_tests_of_processes_read_names_a_file():
+    files = subprocess.check_output(['git', 'ls-files'], cwd=changes.ROOT, text=True).splitlines()
+    for pattern in OF_PROCESSES.args:
+        assert any(fnmatch(file, pattern) for file in files), pattern

@@ -38,7 +38,9 @@ OF_PROCESSES = pytest.mark.reads(
     *('experiments/experiments/run/*', 'experiments/experiments/configuration/*'),
     *('*/driving/trigger.py', '*/driving/watchdog.py', '*/driving/delay_compensation.py'),
     *('*/driving/parallel_solves.py', '*/stepping.py', '*/run_end.py', '*/compile_cache.py'),
-    *('bags/bags/evaluation/tick*', 'tests/ros/*', 'tests/faults/*', 'tests/helpers/*'),
+    *('*/driving/controller.py', '*/driving/tick.py', '*/driving/last_resort.py', '*/simulator.py'),
+    *('bags/bags/evaluation/bag_summary.py', '*/config/*.yaml', '*/setup.cfg', '*/launch/*'),
+    *('tests/conftest.py', 'tests/ros/*', 'tests/faults/*', 'tests/helpers/*'),
 )
 PATIENCE_S = 60.0
 LINES = 8  # of a log

@@ -1,5 +1,6 @@
 """A run on the wall clock: it begins when all are ready, and every tick is accounted for."""
 
+import itertools
 import subprocess
 import sys
 
@@ -15,6 +16,7 @@ from msgs_yaml import decode
 pytestmark = OF_PROCESSES
 SECONDS = 240  # of wall time; the comparison takes most of it
 STATE, COMMAND, WHY = '/vehicle/odometry', '/controller/command', '/controller/why'
+OWN = ('wait', 'prepare', 'solve')  # what the controller says of its times
 TICK_NS = 50_000_000
 
 
@@ -67,6 +69,31 @@ def test_every_tick_of_the_bag_is_accounted_for(bag):
     ticks = report['ticks']
     assert ticks['count'] == len(driven) > 40
     assert ticks['unanswered'] == len(driven - answered)
+
+
+def test_the_parts_of_a_tick_lie_between_its_state_and_its_command(bag):
+    state_ns, command_ns = (
+        dict(zip(stamps(bag, topic).tolist(), bag.recordings[topic].publish_ns.tolist()))
+        for topic in (STATE, COMMAND)
+    )
+    expected = []
+    for why, after in itertools.pairwise(read.values(bag, WHY)):
+        stamp, values = why.stamp_ns, why.values
+        is_known = {'time.solve_ms', 'time.heard_ns'} <= values.keys()
+        is_known = is_known and 'time.publish_ms' in after.values
+        if is_known and stamp in state_ns and stamp in command_ns:
+            sent_ns, own = state_ns[stamp], [values[f'time.{name}_ms'] for name in OWN]
+            heard_ms = (values['time.heard_ns'] - sent_ns) / 1e6
+            expected.append(((command_ns[stamp] - sent_ns) / 1e6, heard_ms, *own))
+    assert expected
+    parts = bag_summary.tick_parts(bag)
+    # a double resolves times since 1970 to 256 ns
+    assert np.column_stack(parts[:5]) == pytest.approx(np.array(expected), rel=1e-6, abs=3e-4)
+    assert parts.publish + parts.rest == pytest.approx(parts.total - sum(parts[1:5]))
+    for part in (parts.transport, parts.wait, parts.prepare, parts.solve):
+        assert (part > 0.0).all()
+    for part in (parts.publish, parts.rest):
+        assert (part >= 0.0).all()
 
 
 def test_health_goes_from_waiting_to_well_and_names_ages(bag):

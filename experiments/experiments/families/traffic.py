@@ -153,11 +153,13 @@ def motorway_merge(random: Random, hard: bool) -> Document | None:
     gap = lead - (road.speed - theirs) * move_s / 2.0
     if not hard and not _can_stop(road, road.speed - theirs, gap):
         return None
+    merged = lead + theirs * (1.0 + move_s)
     points = [
         waypoint(lead, -LANE, theirs),
         waypoint(lead + theirs, -LANE, theirs),
-        waypoint(lead + theirs * (1.0 + move_s), 0.0, theirs),
-        waypoint(road.end, 0.0, theirs),
+        waypoint(merged, 0.0, theirs),
+        # behind the bend, where straight on is along the road
+        waypoint(max(merged, road.end + CLOTHOID_S * road.speed) + 5.0, 0.0, theirs),
     ]
     others = car_along(points)
     if random.random() < 0.5:

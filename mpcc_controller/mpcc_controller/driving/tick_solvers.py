@@ -77,7 +77,8 @@ class TickSolvers:
         guess = problem.guess_local if guess is None else guess
         began = self.clock() if began is None else began
         chosen = self._chosen(problem)
-        self._limit(chosen, began)
+        # the paper's controller shares that time with nothing: its solver has all of it
+        self._limit(chosen, began if self.parallel or self.sliding else self.clock())
         first = self._run(chosen, problem, guess)
         if chosen is not self.sliding or self.is_usable(first):
             return first

@@ -25,6 +25,9 @@ def test_every_draw_is_a_scenario(family):
         scn = one.scenario()
         assert scn.name == one.name
         # the controller sees its whole horizon of path when it crosses the finish
+        for block in yaml.safe_load(one.text)['obstacles']:
+            stations = [point['station_m'] for point in block.get('waypoints', ())]
+            assert (np.diff(stations) > 0.0).all()
         ref = scn.reference
         finish = np.argmin(np.hypot(ref.X - scn.stop.X, ref.Y - scn.stop.Y))
         assert ref.t[-1] - ref.t[finish] >= 2.5
