@@ -32,51 +32,47 @@ from scenario_publisher.scenario import Scenario
 NOMINAL, HARD = 'nominal', 'hard'
 DIFFICULTIES = (NOMINAL, HARD)
 Family = Callable[[Random, bool], Document | None]
-FAMILIES: Mapping[str, Family] = MappingProxyType(
-    {
-        family.__name__: family
-        for family in (
-            open_road.pop_up,
-            open_road.oncoming,
-            open_road.slower_car,
-            open_road.cut_in,
-            open_road.crossing_pedestrian,
-            open_road.crossing_cyclist,
-            bends.bend_inside,
-            bends.bend_outside,
-            lane_course.slalom,
-            lane_course.chicane,
-            lane_course.narrowing,
-            lane_course.closed_road,
-            lane_course.double_lane_change,
-            lane_course.iso_3888_1,
-            lane_course.iso_3888_2,
-            slippery.split_mu,
-            slippery.low_mu,
-            open_road.several_movers,
-            open_road.three_in_sequence,
-            open_road.stop_and_go,
-        )
-    }
+
+
+def _by_name(*families: Family) -> Mapping[str, Family]:
+    return MappingProxyType({family.__name__: family for family in families})
+
+
+FAMILIES: Mapping[str, Family] = _by_name(
+    open_road.pop_up,
+    open_road.oncoming,
+    open_road.slower_car,
+    open_road.cut_in,
+    open_road.crossing_pedestrian,
+    open_road.crossing_cyclist,
+    bends.bend_inside,
+    bends.bend_outside,
+    lane_course.slalom,
+    lane_course.chicane,
+    lane_course.narrowing,
+    lane_course.closed_road,
+    lane_course.double_lane_change,
+    lane_course.iso_3888_1,
+    lane_course.iso_3888_2,
+    slippery.split_mu,
+    slippery.low_mu,
+    open_road.several_movers,
+    open_road.three_in_sequence,
+    open_road.stop_and_go,
 )
 # drives among others on roads that bend: of the library where they are named
-TRAFFIC: Mapping[str, Family] = MappingProxyType(
-    {
-        family.__name__: family
-        for family in (
-            traffic.bend_oncoming,
-            traffic.s_curve_oncoming,
-            traffic.narrow_road_oncoming,
-            traffic.truck_oncoming,
-            traffic.parked_and_oncoming,
-            traffic.slower_car_in_bend,
-            traffic.cyclist_in_bend,
-            traffic.crest,
-            traffic.roundabout_entry,
-            traffic.motorway_merge,
-            traffic.junction_crossing,
-        )
-    }
+TRAFFIC: Mapping[str, Family] = _by_name(
+    traffic.bend_oncoming,
+    traffic.s_curve_oncoming,
+    traffic.narrow_road_oncoming,
+    traffic.truck_oncoming,
+    traffic.parked_and_oncoming,
+    traffic.slower_car_in_bend,
+    traffic.cyclist_in_bend,
+    traffic.crest,
+    traffic.roundabout_entry,
+    traffic.motorway_merge,
+    traffic.junction_crossing,
 )
 LIBRARY = MappingProxyType({**FAMILIES, **TRAFFIC})
 # those of the library, and tasks of the study of tuned controllers
