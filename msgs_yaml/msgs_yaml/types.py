@@ -89,14 +89,16 @@ class RoadEdges(NamedTuple):
 
 
 class Obstacle(NamedTuple):
-    """One round obstacle; it moves with constant velocity."""
+    """One object of one or several discs; it moves with constant velocity."""
 
     id: int
-    X: float  # m, centre at the stamp of the message
+    X: float  # m, centre of its first disc at the stamp of the message
     Y: float  # m
-    r_obs: float  # m, radius
+    r_obs: float  # m, radius of every disc
     vX: float  # m/s, map
     vY: float  # m/s, map
+    # m, map: the centres of its further discs, from that of the first one
+    others: tuple[tuple[float, float], ...] = ()
 
 
 class Refusal(NamedTuple):

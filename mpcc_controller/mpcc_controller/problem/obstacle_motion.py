@@ -43,6 +43,7 @@ class PredictedObstacle(NamedTuple):
     r_obs: float  # m
     vX: float  # m/s, map
     vY: float  # m/s, map
+    others: tuple[tuple[float, float], ...] = ()  # m, map: further discs, from the first one
     braking: float = 0.0  # m/s^2, deceleration until it stands
     line: Line | None = None  # that it follows; None: a straight one
     along: float = 0.0  # m, how far along the line it is
@@ -67,7 +68,7 @@ class PredictedObstacle(NamedTuple):
         """Return the obstacle as it will be `t` [s] from now; one that then stands stays there."""
         (X, Y), (vX, vY) = self.position(t), self.velocity(t)
         if self.braking and np.hypot(vX, vY) < LEAST_SPEED_MPS:
-            return PredictedObstacle(self.id, X, Y, self.r_obs, 0.0, 0.0)
+            return PredictedObstacle(self.id, X, Y, self.r_obs, 0.0, 0.0, self.others)
         along = self.along + np.hypot(self.vX, self.vY) * self._driven(t) if self.line else 0.0
         return self._replace(X=X, Y=Y, vX=vX, vY=vY, along=along)
 
