@@ -6,6 +6,7 @@ follows a line. What is predicted of which obstacle: `driving.obstacle_predictio
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +25,14 @@ class Line:
     def at(self, distance: Any) -> tuple[Any, Any]:
         """Return X and Y [m] at a distance [m] from the first corner."""
         return tuple(np.interp(distance, self.distance, axis) for axis in (self.X, self.Y))
+
+    def nearest(self, X: float, Y: float) -> float:
+        """Return the distance [m] at the place of the line that is nearest to a point."""
+        dX, dY, length = np.diff(self.X), np.diff(self.Y), np.diff(self.distance)
+        ahead = ((X - self.X[:-1]) * dX + (Y - self.Y[:-1]) * dY) / (dX**2 + dY**2)
+        ahead = np.clip(ahead, 0.0, 1.0)
+        k = np.argmin(np.hypot(self.X[:-1] + ahead * dX - X, self.Y[:-1] + ahead * dY - Y))
+        return float(self.distance[k] + ahead[k] * length[k])
 
     def direction(self, distance: float) -> tuple[float, float]:
         """Return the direction (1) there, in the map."""
@@ -67,10 +76,12 @@ class PredictedObstacle(NamedTuple):
     def moved(self, t: float) -> 'PredictedObstacle':
         """Return the obstacle as it will be `t` [s] from now; one that then stands stays there."""
         (X, Y), (vX, vY) = self.position(t), self.velocity(t)
+        ends = [disc.position(t) for disc in discs_of(self)[1:]]
+        others = tuple((float(end[0] - X), float(end[1] - Y)) for end in ends)
         if self.braking and np.hypot(vX, vY) < LEAST_SPEED_MPS:
-            return PredictedObstacle(self.id, X, Y, self.r_obs, 0.0, 0.0, self.others)
+            return PredictedObstacle(self.id, X, Y, self.r_obs, 0.0, 0.0, others)
         along = self.along + np.hypot(self.vX, self.vY) * self._driven(t) if self.line else 0.0
-        return self._replace(X=X, Y=Y, vX=vX, vY=vY, along=along)
+        return self._replace(X=X, Y=Y, vX=vX, vY=vY, others=others, along=along)
 
     def _driven(self, t):
         """Return the time [s] in which it comes as far at its present speed as in `t`."""
@@ -79,3 +90,20 @@ class PredictedObstacle(NamedTuple):
         speed = np.hypot(self.vX, self.vY)
         braked = np.minimum(t, speed / self.braking)
         return braked - self.braking * braked**2 / (2.0 * speed)
+
+
+@lru_cache(maxsize=1024)
+def discs_of(obstacle: PredictedObstacle) -> tuple[PredictedObstacle, ...]:
+    """Return the discs of an obstacle, each as an obstacle of one disc that moves as it will.
+
+    Along a line each follows the line from where it is, so that a truck with a trailer bends.
+    """
+    discs = [obstacle._replace(others=())]
+    for dX, dY in obstacle.others:
+        X, Y, line, along = obstacle.X + dX, obstacle.Y + dY, obstacle.line, 0.0
+        if line is not None:
+            along = line.nearest(X, Y)
+            foot_X, foot_Y = line.at(along)
+            line = Line(line.distance, line.X + (X - foot_X), line.Y + (Y - foot_Y))
+        discs.append(discs[0]._replace(X=X, Y=Y, line=line, along=along))
+    return tuple(discs)

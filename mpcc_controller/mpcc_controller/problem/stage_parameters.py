@@ -3,6 +3,7 @@
 Shared by all formulations. The names of the YAML files end here; SI units and symbols from here on.
 """
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from mpcc_controller.path.distance import Disc
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.path.road_edges import Road
 from mpcc_controller.problem.distance_frame import DistanceFrame
-from mpcc_controller.problem.obstacle_motion import PredictedObstacle
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle, discs_of
 from mpcc_controller.problem.ocp import SafetyDistance
 from msgs_yaml.types import Obstacles
 from node_runtime import named_vector
@@ -38,7 +39,7 @@ class StageParameters(NamedTuple):
 
     stages: Any  # the parameters of a stage as the formulation names them, each leaf (N + 1,)
     P: np.ndarray  # (N + 1, np), the same as a matrix
-    # those in the problem, in the order of `stages.obstacles`
+    # the discs in the problem, in the order of `stages.obstacles`
     obstacles: tuple[PredictedObstacle, ...]
 
 
@@ -98,7 +99,7 @@ def constant_numbers(stages) -> np.ndarray:
 
 
 def obstacle_slots(params: ControllerParams, frame: DistanceFrame, scene: Scene, x: State):
-    """Return the obstacles along the planned states `x` in a frame, and which ones they are.
+    """Return the discs of obstacles along the planned states `x` in a frame, and which they are.
 
     Unused slots are filled with an obstacle far away.
     """
@@ -146,7 +147,7 @@ def to_matrix(
 
 
 def closest_obstacles(params, obstacles: Obstacles, x: State, t) -> tuple[PredictedObstacle, ...]:
-    """Return the obstacles that the states `x` at the times `t` come closest to, ordered by id."""
+    """Return the discs that the states `x` at the times `t` come closest to, ordered by id."""
 
     def smallest_distance(obstacle):
         disc = Disc(*obstacle.position(t), obstacle.r_obs)
@@ -155,7 +156,27 @@ def closest_obstacles(params, obstacles: Obstacles, x: State, t) -> tuple[Predic
             for offset in params.body.circle_offsets_m
         )
 
-    count, closest = params.surroundings.max_obstacles, obstacles.items
+    count = params.surroundings.max_obstacles
+    closest = [disc for obstacle in obstacles.items for disc in discs_of(obstacle)]
     if len(closest) > count:
         closest = sorted(closest, key=smallest_distance)[:count]
     return tuple(sorted(closest, key=lambda o: o.id))
+
+
+def rows_by_id(discs: Iterable[PredictedObstacle]) -> dict[int, list[int]]:
+    """Return which of some discs are those of each obstacle, by its id."""
+    rows: dict[int, list[int]] = {}
+    for row, disc in enumerate(discs):
+        rows.setdefault(disc.id, []).append(row)
+    return rows
+
+
+def left_out(obstacles: Obstacles, chosen: Iterable[PredictedObstacle]) -> str:
+    """Return the ids of obstacles of which not all discs are chosen, as words; '' if all are."""
+    rows = rows_by_id(chosen)
+    missing = {o.id: 1 + len(o.others) - len(rows.get(o.id, ())) for o in obstacles.items}
+    kinds = {'wholly': [], 'in part': []}
+    for number, count in missing.items():
+        if count:
+            kinds['in part' if number in rows else 'wholly'].append(str(number))
+    return ', '.join(f'{", ".join(ids)} {kind}' for kind, ids in kinds.items() if ids)
