@@ -11,7 +11,7 @@ Each message is measured (with errors, a test option), and each of its obstacles
 /scenario/obstacles holds every known obstacle. What is not in it is unknown from then on, whether
 it went away or was only missed. So what vanishes goes on as predicted for `surroundings.memory_s`
 after it was last seen and is forgotten then; an obstacle that is gone is avoided for that time at
-most. Which obstacles a problem has room for: `stage_parameters.closest_obstacles`.
+most. Which obstacles a problem has room for: `stage_parameters.closest_discs`.
 """
 
 import math

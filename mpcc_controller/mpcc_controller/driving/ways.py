@@ -8,7 +8,6 @@ homotopy classes (Bhattacharya, Likhachev & Kumar 2012), and a solver finds only
 import itertools
 import math
 from collections.abc import Iterable, Sequence
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +16,7 @@ from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import arc, frenet_frame, reference_path, road_edges
 from mpcc_controller.path.arc import Arc
-from mpcc_controller.problem.obstacle_motion import PredictedObstacle, discs_of
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle, motion_of
 from mpcc_controller.problem.stage_parameters import Scene
 
 LEFT, RIGHT, BEHIND = 1, -1, 0  # BEHIND: not passed within the horizon
@@ -83,14 +82,17 @@ def road_ahead(
     straight = np.column_stack(State(X, Y, arcs.psi, vx, zeros, zeros, theta, zeros, zeros))
     limit = params.safety.obstacle_m + params.candidates.danger_m
     gaps = np.min([least_gaps(X, scene, params) for X in (straight, *lines)], axis=0)
-    dangerous = [o for o, gap in zip(scene.obstacles.items, gaps) if gap < limit]
-    if not dangerous:
+    dangerous = np.flatnonzero(gaps < limit)
+    if not len(dangerous):
         return None
     track = road_edges.track_beside(scene.road, arcs, params.surroundings.edge_window_m)
     centre = arc.contouring_error(arcs, track.centre.X, track.centre.Y)
     at_edges = params.body.edge_radius_m or params.body.circle_radius_m
     room = np.maximum(track.half_width - at_edges, 0)
-    hazards = sorted((_hazard(o, arcs, params) for o in dangerous), key=lambda h: h.enter)
+    items = scene.obstacles.items
+    X, Y, _, owner, _ = motion_of(items, len(t), params.model.step_s, params.safety.growth_mps or 0)
+    each = (_hazard(items[k], X[owner == k], Y[owner == k], arcs, params) for k in dangerous)
+    hazards = sorted(each, key=lambda h: h.enter)
     return RoadAhead(straight, arcs, vx, v_ref, centre - room, centre + room, tuple(hazards))
 
 
@@ -107,15 +109,15 @@ def travelled(vx: np.ndarray, dt: float) -> np.ndarray:
     return np.concatenate(([0], np.cumsum((vx[1:] + vx[:-1]) / 2 * dt)))
 
 
-def _hazard(obstacle, arcs, params) -> Hazard:
-    """Return where a car along the path, at the speeds of `arcs`, meets an obstacle."""
+def _hazard(obstacle, X, Y, arcs, params) -> Hazard:
+    """Return where a car along the path, at the speeds of `arcs`, meets an obstacle.
+
+    Its discs are at X, Y (discs, N + 1) [m].
+    """
     dt, parts = params.model.step_s, []
     touch = obstacle.r_obs + params.body.circle_radius_m
     nose = max(map(abs, params.body.circle_offsets_m))
-    X, Y, _, _ = motion_of((obstacle,), len(arcs.X), dt, 0.0)
-    for oX, oY in zip(X, Y):
-        ahead = np.abs(arc.lag_error(arcs, oX, oY))
-        e = arc.contouring_error(arcs, oX, oY)
+    for ahead, e in zip(np.abs(arc.lag_error(arcs, X, Y)), arc.contouring_error(arcs, X, Y)):
         # the stretch around the stage that is beside it: it may come beside the car again on a lap
         closest = int(np.argmin(ahead))
         beside = ahead < max(touch + nose, ahead[closest] + 1e-9)
@@ -260,13 +262,12 @@ def passed_sides(
         return {}
     x = State(*X.T)
     arcs, _ = reference_path.arcs_at(scene.path, x.theta)
-    oX, oY, _, first = motion_of(tuple(obstacles), len(X), params.model.step_s, 0.0)
+    oX, oY, _, owners, _ = motion_of(tuple(obstacles), len(X), params.model.step_s, 0.0)
     cos_psi, sin_psi = np.cos(arcs.psi), np.sin(arcs.psi)
     ahead = cos_psi * (oX - x.X) + sin_psi * (oY - x.Y)
     aside = cos_psi * (oY - x.Y) - sin_psi * (oX - x.X)
     stages = np.argmin(np.abs(ahead), axis=1)
     sides = {obstacle.id: BEHIND for obstacle in obstacles}
-    owners = np.repeat(np.arange(len(obstacles)), np.diff([*first, len(oX)]))
     for row, (owner, stage) in enumerate(zip(owners, stages)):
         obstacle, gap = obstacles[owner], ahead[row, stage]
         is_beside = abs(gap) < obstacle.r_obs + params.body.circle_radius_m
@@ -298,7 +299,7 @@ def _gaps(X, scene, params) -> np.ndarray:
     x = State(*X.T)
     growth = params.safety.growth_mps or 0.0
     items, dt = scene.obstacles.items, params.model.step_s
-    oX, oY, radii, first = motion_of(items, len(X), dt, growth)
+    oX, oY, radii, _, first = motion_of(items, len(X), dt, growth)
     cos_psi, sin_psi = np.cos(x.psi), np.sin(x.psi)
     square = np.inf
     for offset in params.body.circle_offsets_m:
@@ -306,21 +307,3 @@ def _gaps(X, scene, params) -> np.ndarray:
         square = np.minimum(square, dX**2 + dY**2)
     gaps = np.sqrt(square) - radii - params.body.circle_radius_m
     return np.minimum.reduceat(gaps, first, axis=0)
-
-
-@lru_cache(maxsize=16)
-def motion_of(obstacles: tuple[PredictedObstacle, ...], count: int, dt: float, growth: float):
-    """Return X, Y and radius (n, count) [m] of the discs of obstacles at the stages.
-
-    With them which disc is the first one of each obstacle. They are not to be changed: a tick asks
-    for those of the same obstacles ten times and more. `growth` is `safety.growth_mps`.
-    """
-    t, each = dt * np.arange(count), [discs_of(o) for o in obstacles]
-    discs = [disc for discs in each for disc in discs]
-    X, Y = np.array([disc.position(t) for disc in discs]).transpose(1, 0, 2)
-    moves = np.array([[disc.vX != 0 or disc.vY != 0] for disc in discs])
-    radii = np.array([[disc.r_obs] for disc in discs]) + growth * t * moves
-    first = np.cumsum([0, *map(len, each[:-1])])
-    for shared in (X, Y, radii, first):
-        shared.flags.writeable = False
-    return X, Y, radii, first

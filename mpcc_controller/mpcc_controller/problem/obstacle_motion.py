@@ -26,13 +26,13 @@ class Line:
         """Return X and Y [m] at a distance [m] from the first corner."""
         return tuple(np.interp(distance, self.distance, axis) for axis in (self.X, self.Y))
 
-    def nearest(self, X: float, Y: float) -> float:
-        """Return the distance [m] at the place of the line that is nearest to a point."""
+    def nearest(self, X: np.ndarray, Y: np.ndarray) -> np.ndarray:
+        """Return the distances [m] at the places of the line that are nearest to points (n,)."""
         dX, dY, length = np.diff(self.X), np.diff(self.Y), np.diff(self.distance)
-        ahead = ((X - self.X[:-1]) * dX + (Y - self.Y[:-1]) * dY) / (dX**2 + dY**2)
-        ahead = np.clip(ahead, 0.0, 1.0)
-        k = np.argmin(np.hypot(self.X[:-1] + ahead * dX - X, self.Y[:-1] + ahead * dY - Y))
-        return float(self.distance[k] + ahead[k] * length[k])
+        to_X, to_Y = X[:, None] - self.X[:-1], Y[:, None] - self.Y[:-1]
+        share = np.clip((to_X * dX + to_Y * dY) / length**2, 0.0, 1.0)
+        k = np.argmin((to_X - share * dX) ** 2 + (to_Y - share * dY) ** 2, axis=1)
+        return self.distance[k] + share[np.arange(len(k)), k] * length[k]
 
     def direction(self, distance: float) -> tuple[float, float]:
         """Return the direction (1) there, in the map."""
@@ -64,6 +64,21 @@ class PredictedObstacle(NamedTuple):
             return self.line.at(self.along + np.hypot(self.vX, self.vY) * t)
         return self.X + self.vX * t, self.Y + self.vY * t
 
+    def positions(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return X and Y (discs, n) [m] of its discs at times `t` (n,) [s] from now."""
+        here = self.position(t)
+        if not self.others:
+            return here[0][None], here[1][None]
+        if self.line is None:
+            return tuple(
+                np.concatenate([x[None], x + dx[:, None]])
+                for x, dx in zip(here, np.array(self.others).T)
+            )
+        along, aside = _feet(self)
+        way = along[:, None] + np.hypot(self.vX, self.vY) * self._driven(t)
+        lines = zip(here, self.line.at(way), aside)
+        return tuple(np.concatenate([x[None], line + dx[:, None]]) for x, line, dx in lines)
+
     def velocity(self, t: float) -> tuple[float, float]:
         """Return vX and vY [m/s] `t` [s] from now."""
         vX, vY, speed = self.vX, self.vY, np.hypot(self.vX, self.vY)
@@ -76,8 +91,10 @@ class PredictedObstacle(NamedTuple):
     def moved(self, t: float) -> 'PredictedObstacle':
         """Return the obstacle as it will be `t` [s] from now; one that then stands stays there."""
         (X, Y), (vX, vY) = self.position(t), self.velocity(t)
-        ends = [disc.position(t) for disc in discs_of(self)[1:]]
-        others = tuple((float(end[0] - X), float(end[1] - Y)) for end in ends)
+        others = ()
+        if self.others:
+            ends = (end[1:, 0] - here for end, here in zip(self.positions(np.array([t])), (X, Y)))
+            others = tuple(zip(*(end.tolist() for end in ends)))
         if self.braking and np.hypot(vX, vY) < LEAST_SPEED_MPS:
             return PredictedObstacle(self.id, X, Y, self.r_obs, 0.0, 0.0, others)
         along = self.along + np.hypot(self.vX, self.vY) * self._driven(t) if self.line else 0.0
@@ -98,12 +115,53 @@ def discs_of(obstacle: PredictedObstacle) -> tuple[PredictedObstacle, ...]:
 
     Along a line each follows the line from where it is, so that a truck with a trailer bends.
     """
-    discs = [obstacle._replace(others=())]
-    for dX, dY in obstacle.others:
-        X, Y, line, along = obstacle.X + dX, obstacle.Y + dY, obstacle.line, 0.0
-        if line is not None:
-            along = line.nearest(X, Y)
-            foot_X, foot_Y = line.at(along)
-            line = Line(line.distance, line.X + (X - foot_X), line.Y + (Y - foot_Y))
-        discs.append(discs[0]._replace(X=X, Y=Y, line=line, along=along))
-    return tuple(discs)
+    alone, line = obstacle._replace(others=()), obstacle.line
+    if not obstacle.others:
+        return (alone,)
+    places = [(obstacle.X + dX, obstacle.Y + dY) for dX, dY in obstacle.others]
+    if line is None:
+        return alone, *(alone._replace(X=X, Y=Y) for X, Y in places)
+    along, aside = _feet(obstacle)
+    return alone, *(
+        alone._replace(X=X, Y=Y, line=Line(line.distance, line.X + dX, line.Y + dY), along=s)
+        for (X, Y), s, (dX, dY) in zip(places, along.tolist(), aside.T)
+    )
+
+
+@lru_cache(maxsize=1024)
+def _feet(obstacle: PredictedObstacle) -> tuple[np.ndarray, np.ndarray]:
+    """Return where on its line its further discs are (n,) [m], and how far beside it (2, n) [m]."""
+    places = np.array([obstacle.others]).T[..., 0] + [[obstacle.X], [obstacle.Y]]
+    along = obstacle.line.nearest(*places)
+    return along, places - obstacle.line.at(along)
+
+
+class Motion(NamedTuple):
+    """The discs of obstacles over the stages; not to be changed."""
+
+    X: np.ndarray  # (n, stages) m
+    Y: np.ndarray  # (n, stages) m
+    radius: np.ndarray  # (n, stages) m
+    owner: np.ndarray  # (n,) which obstacle each belongs to
+    first: np.ndarray  # (obstacles,) which disc is the first one of each
+
+
+@lru_cache(maxsize=16)
+def motion_of(
+    obstacles: tuple[PredictedObstacle, ...], count: int, dt: float, growth: float
+) -> Motion:
+    """Return the discs of obstacles at the stages.
+
+    A tick asks for those of the same obstacles ten times and more. The radius of an obstacle
+    that moves grows by `growth` [m/s], `safety.growth_mps`: the longer the prediction, the less is
+    known of where it is. The cost sees a distance that shrinks, as if D_sft grew.
+    """
+    t, sizes = dt * np.arange(count), [1 + len(o.others) for o in obstacles]
+    X, Y = (np.concatenate(axis) for axis in zip(*(o.positions(t) for o in obstacles)))
+    owner = np.repeat(np.arange(len(obstacles)), sizes)
+    moves = np.array([[o.vX != 0 or o.vY != 0] for o in obstacles])
+    radius = np.array([[o.r_obs] for o in obstacles]) + growth * t * moves
+    motion = Motion(X, Y, radius[owner], owner, np.cumsum([0, *sizes[:-1]]))
+    for shared in motion:
+        shared.flags.writeable = False
+    return motion
