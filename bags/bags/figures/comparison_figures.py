@@ -57,10 +57,10 @@ def draw_trajectories(ax, runs: Sequence[EvaluatedDrive]) -> None:
             box = Polygon(_box(run, k), facecolor=(run.look.colour, 0.06), **look)
             box.set_linewidth(CAR_WIDTH * run.look.width)
             ax.add_patch(box)
-    moving = [o for o in scene.obstacles if np.nanmax(np.hypot(o.vx, o.vy)) > STILL_MPS]
+    moving = {o.id for o in scene.obstacles if np.nanmax(np.hypot(o.vx, o.vy)) > STILL_MPS}
     timed, facts = _shown(first)[::TIME_EVERY], first.drive.facts
     for obstacle in scene.obstacles:
-        if obstacle not in moving:
+        if obstacle.id not in moving:
             for k in np.flatnonzero(np.isfinite(obstacle.x))[:1]:
                 _discs(ax, (obstacle.x[k], obstacle.y[k]), obstacle.radius, facts, 1.0)
             continue
@@ -69,7 +69,9 @@ def draw_trajectories(ax, runs: Sequence[EvaluatedDrive]) -> None:
         for k, x, y in zip(timed, *places):
             if np.isfinite([x, y]).all():
                 _discs(ax, (x, y), obstacle.radius, facts, 0.4)
-                _time_label(ax, (x, y - obstacle.radius), first.series.t[k], style.INK, 'top')
+                if not obstacle.disc:
+                    place = x, y - obstacle.radius
+                    _time_label(ax, place, first.series.t[k], style.INK, 'top')
         ax.plot(obstacle.x, obstacle.y, color=style.EDGE, lw=0.8, zorder=2)
     for k in timed if moving else ():
         place = first.drive.motion.x[k], _box(first, k)[:, 1].max()

@@ -194,9 +194,9 @@ class Problem:
     def _distances(self, view):
         parameters, weights = self.tick_problem.parameters, self.weights
         safe = parameters.stages.D_sft
-        obstacles = zip(parameters.obstacles, view.v2o, view.priority_o)
-        for obstacle, D, priority in obstacles:
-            yield Distance(f'obstacle {obstacle.id}', D, safe.o, weights['v2o'] * priority)
+        for number, rows in stage_parameters.rows_by_id(parameters.obstacles).items():
+            D, priority = np.min(np.take(view.v2o, rows, 0), 0), np.take(view.priority_o, rows, 0)
+            yield Distance(f'obstacle {number}', D, safe.o, weights['v2o'] * np.max(priority, 0))
         for side, D, priority in zip(('left', 'right'), view.v2e, view.priority_e):
             edge = float(np.max(safe.e))  # of every stage where it fits the road
             yield Distance(f'{side} edge', D, edge, weights['v2e'] * priority)

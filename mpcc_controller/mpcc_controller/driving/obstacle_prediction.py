@@ -11,7 +11,7 @@ Each message is measured (with errors, a test option), and each of its obstacles
 /scenario/obstacles holds every known obstacle. What is not in it is unknown from then on, whether
 it went away or was only missed. So what vanishes goes on as predicted for `surroundings.memory_s`
 after it was last seen and is forgotten then; an obstacle that is gone is avoided for that time at
-most. Which obstacles a problem has room for: `stage_parameters.closest_obstacles`.
+most. Which obstacles a problem has room for: `stage_parameters.closest_discs`.
 """
 
 import math
@@ -162,12 +162,14 @@ def _line(o: Obstacle, scene: Scene, params: Surroundings) -> Line | None:
     offset = arc.contouring_error(pose, o.X, o.Y)
     if abs(angle) > params.follow_road_rad or abs(offset) > here.half_width[0]:
         return None
-    along = np.arange(0.0, speed * LONGEST_S + STEP_M, STEP_M)
+    # from its last disc on
+    behind = math.ceil(max((math.hypot(*place) for place in o.others), default=0.0) / STEP_M)
+    along = np.arange(-behind * STEP_M, speed * LONGEST_S + STEP_M, STEP_M)
     centre = track_at(theta + way * along).centre
     aside = offset + way * math.tan(angle) * along
     X, Y, _ = frenet_frame.offset_left(centre, aside)
-    # it begins where the obstacle is
-    X, Y = X + (o.X - X[0]), Y + (o.Y - Y[0])
+    # at the distance 0 the obstacle is
+    X, Y = X + (o.X - X[behind]), Y + (o.Y - Y[behind])
     leaves = math.cos(course) * (Y - o.Y) - math.sin(course) * (X - o.X)
     steps = np.hypot(np.diff(X), np.diff(Y))
     # inside of the centre of a bend there is no line
@@ -175,4 +177,5 @@ def _line(o: Obstacle, scene: Scene, params: Surroundings) -> Line | None:
         return None
     X, Y = (np.append(x, x[-1] + CONTINUATION_M * (x[-1] - x[-2]) / steps[-1]) for x in (X, Y))
     distance = np.concatenate(([0.0], np.cumsum(steps)))
+    distance -= distance[behind]
     return Line(np.append(distance, distance[-1] + CONTINUATION_M), X, Y)

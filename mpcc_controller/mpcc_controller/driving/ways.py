@@ -8,7 +8,6 @@ homotopy classes (Bhattacharya, Likhachev & Kumar 2012), and a solver finds only
 import itertools
 import math
 from collections.abc import Iterable, Sequence
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +16,7 @@ from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import arc, frenet_frame, reference_path, road_edges
 from mpcc_controller.path.arc import Arc
-from mpcc_controller.problem import stage_parameters
-from mpcc_controller.problem.obstacle_motion import PredictedObstacle
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle, motion_of
 from mpcc_controller.problem.stage_parameters import Scene
 
 LEFT, RIGHT, BEHIND = 1, -1, 0  # BEHIND: not passed within the horizon
@@ -40,7 +38,7 @@ class Hazard(NamedTuple):
     obstacle: PredictedObstacle
     enter: float  # s, from then on it is beside the car
     leave: float  # s, until then
-    lowest: float  # m, left of the path, its centre meanwhile
+    lowest: float  # m, left of the path, the centres of its discs meanwhile
     highest: float  # m
     path_side: int  # on which the path passes it with room for the car, BEHIND if it does not
 
@@ -84,14 +82,17 @@ def road_ahead(
     straight = np.column_stack(State(X, Y, arcs.psi, vx, zeros, zeros, theta, zeros, zeros))
     limit = params.safety.obstacle_m + params.candidates.danger_m
     gaps = np.min([least_gaps(X, scene, params) for X in (straight, *lines)], axis=0)
-    dangerous = [o for o, gap in zip(scene.obstacles.items, gaps) if gap < limit]
-    if not dangerous:
+    dangerous = np.flatnonzero(gaps < limit)
+    if not len(dangerous):
         return None
     track = road_edges.track_beside(scene.road, arcs, params.surroundings.edge_window_m)
     centre = arc.contouring_error(arcs, track.centre.X, track.centre.Y)
     at_edges = params.body.edge_radius_m or params.body.circle_radius_m
     room = np.maximum(track.half_width - at_edges, 0)
-    hazards = sorted((_hazard(o, arcs, params) for o in dangerous), key=lambda h: h.enter)
+    items = scene.obstacles.items
+    X, Y, _, owner, _ = motion_of(items, len(t), params.model.step_s, params.safety.growth_mps or 0)
+    each = (_hazard(items[k], X[owner == k], Y[owner == k], arcs, params) for k in dangerous)
+    hazards = sorted(each, key=lambda h: h.enter)
     return RoadAhead(straight, arcs, vx, v_ref, centre - room, centre + room, tuple(hazards))
 
 
@@ -108,25 +109,29 @@ def travelled(vx: np.ndarray, dt: float) -> np.ndarray:
     return np.concatenate(([0], np.cumsum((vx[1:] + vx[:-1]) / 2 * dt)))
 
 
-def _hazard(obstacle, arcs, params) -> Hazard:
-    """Return where a car along the path, at the speeds of `arcs`, meets an obstacle."""
-    dt = params.model.step_s
-    oX, oY = positions((obstacle,), len(arcs.X), dt)
-    ahead = np.abs(arc.lag_error(arcs, oX[0], oY[0]))
-    e = arc.contouring_error(arcs, oX[0], oY[0])
+def _hazard(obstacle, X, Y, arcs, params) -> Hazard:
+    """Return where a car along the path, at the speeds of `arcs`, meets an obstacle.
+
+    Its discs are at X, Y (discs, N + 1) [m].
+    """
+    dt, parts = params.model.step_s, []
     touch = obstacle.r_obs + params.body.circle_radius_m
     nose = max(map(abs, params.body.circle_offsets_m))
-    # the stretch around the stage that is beside it: it may come beside the car again on a lap
-    closest = int(np.argmin(ahead))
-    beside = ahead < max(touch + nose, ahead[closest] + 1e-9)
-    first, final = closest, closest
-    while first > 0 and beside[first - 1]:
-        first -= 1
-    while final < len(beside) - 1 and beside[final + 1]:
-        final += 1
-    lowest, highest = float(np.min(e[first : final + 1])), float(np.max(e[first : final + 1]))
+    for ahead, e in zip(np.abs(arc.lag_error(arcs, X, Y)), arc.contouring_error(arcs, X, Y)):
+        # the stretch around the stage that is beside it: it may come beside the car again on a lap
+        closest = int(np.argmin(ahead))
+        beside = ahead < max(touch + nose, ahead[closest] + 1e-9)
+        first, final = closest, closest
+        while first > 0 and beside[first - 1]:
+            first -= 1
+        while final < len(beside) - 1 and beside[final + 1]:
+            final += 1
+        met = e[first : final + 1]
+        parts.append((first, final, float(np.min(met)), float(np.max(met))))
+    begin, end, low, high = zip(*parts)
+    lowest, highest = min(low), max(high)
     side = LEFT if highest < -touch else RIGHT if lowest > touch else BEHIND
-    return Hazard(obstacle, dt * first, dt * final, lowest, highest, side)
+    return Hazard(obstacle, dt * min(begin), dt * max(end), lowest, highest, side)
 
 
 class Slot(NamedTuple):
@@ -250,26 +255,26 @@ def passed_sides(
 ) -> Sides:
     """Return the side on which planned states (N + 1, 9) pass each obstacle, by its id.
 
-    It counts where the car is beside the obstacle along the path, both at the same time, and at the
-    end of the horizon no more behind its centre.
+    It counts where the car is beside a disc of it along the path, both at the same time, and at the
+    end of the horizon no more behind the centre of the disc.
     """
     if not obstacles:
         return {}
     x = State(*X.T)
     arcs, _ = reference_path.arcs_at(scene.path, x.theta)
-    oX, oY = positions(tuple(obstacles), len(X), params.model.step_s)
+    oX, oY, _, owners, _ = motion_of(tuple(obstacles), len(X), params.model.step_s, 0.0)
     cos_psi, sin_psi = np.cos(arcs.psi), np.sin(arcs.psi)
     ahead = cos_psi * (oX - x.X) + sin_psi * (oY - x.Y)
     aside = cos_psi * (oY - x.Y) - sin_psi * (oX - x.X)
     stages = np.argmin(np.abs(ahead), axis=1)
-    sides = {}
-    for row, (obstacle, stage) in enumerate(zip(obstacles, stages)):
-        gap = ahead[row, stage]
+    sides = {obstacle.id: BEHIND for obstacle in obstacles}
+    for row, (owner, stage) in enumerate(zip(owners, stages)):
+        obstacle, gap = obstacles[owner], ahead[row, stage]
         is_beside = abs(gap) < obstacle.r_obs + params.body.circle_radius_m
         # a plan that waits behind it and comes beside it at last has not passed it
         is_beside &= stage < len(X) - 1 or gap <= 0
-        side = LEFT if aside[row, stage] < 0 else RIGHT
-        sides[obstacle.id] = side if is_beside else BEHIND
+        if is_beside and sides[obstacle.id] == BEHIND:
+            sides[obstacle.id] = LEFT if aside[row, stage] < 0 else RIGHT
     return sides
 
 
@@ -292,25 +297,13 @@ def is_same_way(sides: Sides, other: Sides) -> bool:
 def _gaps(X, scene, params) -> np.ndarray:
     """Return V2O [m] to each obstacle at each stage (n, N + 1)."""
     x = State(*X.T)
-    oX, oY = positions(scene.obstacles.items, len(X), params.model.step_s)
+    growth = params.safety.growth_mps or 0.0
+    items, dt = scene.obstacles.items, params.model.step_s
+    oX, oY, radii, _, first = motion_of(items, len(X), dt, growth)
     cos_psi, sin_psi = np.cos(x.psi), np.sin(x.psi)
     square = np.inf
     for offset in params.body.circle_offsets_m:
         dX, dY = oX - x.X - offset * cos_psi, oY - x.Y - offset * sin_psi
         square = np.minimum(square, dX**2 + dY**2)
-    t = params.model.step_s * np.arange(len(X))
-    radii = [stage_parameters.grown_radius(params, o, t) for o in scene.obstacles.items]
-    grown = np.array([np.broadcast_to(radius, t.shape) for radius in radii])
-    return np.sqrt(square) - grown - params.body.circle_radius_m
-
-
-@lru_cache(maxsize=16)
-def positions(obstacles: tuple[PredictedObstacle, ...], count: int, dt: float):
-    """Return X and Y (n, count) [m] of obstacles at the stages, not to be changed.
-
-    A tick asks for those of the same obstacles ten times and more.
-    """
-    t = dt * np.arange(count)
-    X, Y = np.array([o.position(t) for o in obstacles]).transpose(1, 0, 2)
-    X.flags.writeable = Y.flags.writeable = False
-    return X, Y
+    gaps = np.sqrt(square) - radii - params.body.circle_radius_m
+    return np.minimum.reduceat(gaps, first, axis=0)

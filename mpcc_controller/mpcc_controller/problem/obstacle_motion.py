@@ -6,6 +6,7 @@ follows a line. What is predicted of which obstacle: `driving.obstacle_predictio
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +25,14 @@ class Line:
     def at(self, distance: Any) -> tuple[Any, Any]:
         """Return X and Y [m] at a distance [m] from the first corner."""
         return tuple(np.interp(distance, self.distance, axis) for axis in (self.X, self.Y))
+
+    def nearest(self, X: np.ndarray, Y: np.ndarray) -> np.ndarray:
+        """Return the distances [m] at the places of the line that are nearest to points (n,)."""
+        dX, dY, length = np.diff(self.X), np.diff(self.Y), np.diff(self.distance)
+        to_X, to_Y = X[:, None] - self.X[:-1], Y[:, None] - self.Y[:-1]
+        share = np.clip((to_X * dX + to_Y * dY) / length**2, 0.0, 1.0)
+        k = np.argmin((to_X - share * dX) ** 2 + (to_Y - share * dY) ** 2, axis=1)
+        return self.distance[k] + share[np.arange(len(k)), k] * length[k]
 
     def direction(self, distance: float) -> tuple[float, float]:
         """Return the direction (1) there, in the map."""
@@ -55,6 +64,21 @@ class PredictedObstacle(NamedTuple):
             return self.line.at(self.along + np.hypot(self.vX, self.vY) * t)
         return self.X + self.vX * t, self.Y + self.vY * t
 
+    def positions(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return X and Y (discs, n) [m] of its discs at times `t` (n,) [s] from now."""
+        here = self.position(t)
+        if not self.others:
+            return here[0][None], here[1][None]
+        if self.line is None:
+            return tuple(
+                np.concatenate([x[None], x + dx[:, None]])
+                for x, dx in zip(here, np.array(self.others).T)
+            )
+        along, aside = _feet(self)
+        way = along[:, None] + np.hypot(self.vX, self.vY) * self._driven(t)
+        lines = zip(here, self.line.at(way), aside)
+        return tuple(np.concatenate([x[None], line + dx[:, None]]) for x, line, dx in lines)
+
     def velocity(self, t: float) -> tuple[float, float]:
         """Return vX and vY [m/s] `t` [s] from now."""
         vX, vY, speed = self.vX, self.vY, np.hypot(self.vX, self.vY)
@@ -67,10 +91,14 @@ class PredictedObstacle(NamedTuple):
     def moved(self, t: float) -> 'PredictedObstacle':
         """Return the obstacle as it will be `t` [s] from now; one that then stands stays there."""
         (X, Y), (vX, vY) = self.position(t), self.velocity(t)
+        others = ()
+        if self.others:
+            ends = (end[1:, 0] - here for end, here in zip(self.positions(np.array([t])), (X, Y)))
+            others = tuple(zip(*(end.tolist() for end in ends)))
         if self.braking and np.hypot(vX, vY) < LEAST_SPEED_MPS:
-            return PredictedObstacle(self.id, X, Y, self.r_obs, 0.0, 0.0, self.others)
+            return PredictedObstacle(self.id, X, Y, self.r_obs, 0.0, 0.0, others)
         along = self.along + np.hypot(self.vX, self.vY) * self._driven(t) if self.line else 0.0
-        return self._replace(X=X, Y=Y, vX=vX, vY=vY, along=along)
+        return self._replace(X=X, Y=Y, vX=vX, vY=vY, others=others, along=along)
 
     def _driven(self, t):
         """Return the time [s] in which it comes as far at its present speed as in `t`."""
@@ -79,3 +107,61 @@ class PredictedObstacle(NamedTuple):
         speed = np.hypot(self.vX, self.vY)
         braked = np.minimum(t, speed / self.braking)
         return braked - self.braking * braked**2 / (2.0 * speed)
+
+
+@lru_cache(maxsize=1024)
+def discs_of(obstacle: PredictedObstacle) -> tuple[PredictedObstacle, ...]:
+    """Return the discs of an obstacle, each as an obstacle of one disc that moves as it will.
+
+    Along a line each follows the line from where it is, so that a truck with a trailer bends.
+    """
+    alone, line = obstacle._replace(others=()), obstacle.line
+    if not obstacle.others:
+        return (alone,)
+    places = [(obstacle.X + dX, obstacle.Y + dY) for dX, dY in obstacle.others]
+    if line is None:
+        return alone, *(alone._replace(X=X, Y=Y) for X, Y in places)
+    along, aside = _feet(obstacle)
+    return alone, *(
+        alone._replace(X=X, Y=Y, line=Line(line.distance, line.X + dX, line.Y + dY), along=s)
+        for (X, Y), s, (dX, dY) in zip(places, along.tolist(), aside.T)
+    )
+
+
+@lru_cache(maxsize=1024)
+def _feet(obstacle: PredictedObstacle) -> tuple[np.ndarray, np.ndarray]:
+    """Return where on its line its further discs are (n,) [m], and how far beside it (2, n) [m]."""
+    places = np.array([obstacle.others]).T[..., 0] + [[obstacle.X], [obstacle.Y]]
+    along = obstacle.line.nearest(*places)
+    return along, places - obstacle.line.at(along)
+
+
+class Motion(NamedTuple):
+    """The discs of obstacles over the stages; not to be changed."""
+
+    X: np.ndarray  # (n, stages) m
+    Y: np.ndarray  # (n, stages) m
+    radius: np.ndarray  # (n, stages) m
+    owner: np.ndarray  # (n,) which obstacle each belongs to
+    first: np.ndarray  # (obstacles,) which disc is the first one of each
+
+
+@lru_cache(maxsize=16)
+def motion_of(
+    obstacles: tuple[PredictedObstacle, ...], count: int, dt: float, growth: float
+) -> Motion:
+    """Return the discs of obstacles at the stages.
+
+    A tick asks for those of the same obstacles ten times and more. The radius of an obstacle
+    that moves grows by `growth` [m/s], `safety.growth_mps`: the longer the prediction, the less is
+    known of where it is. The cost sees a distance that shrinks, as if D_sft grew.
+    """
+    t, sizes = dt * np.arange(count), [1 + len(o.others) for o in obstacles]
+    X, Y = (np.concatenate(axis) for axis in zip(*(o.positions(t) for o in obstacles)))
+    owner = np.repeat(np.arange(len(obstacles)), sizes)
+    moves = np.array([[o.vX != 0 or o.vY != 0] for o in obstacles])
+    radius = np.array([[o.r_obs] for o in obstacles]) + growth * t * moves
+    motion = Motion(X, Y, radius[owner], owner, np.cumsum([0, *sizes[:-1]]))
+    for shared in motion:
+        shared.flags.writeable = False
+    return motion

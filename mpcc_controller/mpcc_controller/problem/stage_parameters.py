@@ -3,6 +3,7 @@
 Shared by all formulations. The names of the YAML files end here; SI units and symbols from here on.
 """
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from mpcc_controller.path.distance import Disc
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.path.road_edges import Road
 from mpcc_controller.problem.distance_frame import DistanceFrame
-from mpcc_controller.problem.obstacle_motion import PredictedObstacle
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle, discs_of, motion_of
 from mpcc_controller.problem.ocp import SafetyDistance
 from msgs_yaml.types import Obstacles
 from node_runtime import named_vector
@@ -38,7 +39,7 @@ class StageParameters(NamedTuple):
 
     stages: Any  # the parameters of a stage as the formulation names them, each leaf (N + 1,)
     P: np.ndarray  # (N + 1, np), the same as a matrix
-    # those in the problem, in the order of `stages.obstacles`
+    # the discs in the problem, in the order of `stages.obstacles`
     obstacles: tuple[PredictedObstacle, ...]
 
 
@@ -98,27 +99,19 @@ def constant_numbers(stages) -> np.ndarray:
 
 
 def obstacle_slots(params: ControllerParams, frame: DistanceFrame, scene: Scene, x: State):
-    """Return the obstacles along the planned states `x` in a frame, and which ones they are.
+    """Return the discs of obstacles along the planned states `x` in a frame, and which they are.
 
     Unused slots are filled with an obstacle far away.
     """
-    t = params.model.step_s * np.arange(len(x.X))
-    chosen = closest_obstacles(params, scene.obstacles, x, t)
-    discs = (Disc(*o.position(t), grown_radius(params, o, t)) for o in chosen)
-    slots = tuple(frame.obstacle(scene.path, disc, x) for disc in discs)
+    rows, chosen = closest_discs(params, scene.obstacles, x)
+    slots = ()
+    if rows:
+        growth = params.safety.growth_mps or 0.0
+        motion = motion_of(scene.obstacles.items, len(x.X), params.model.step_s, growth)
+        discs = (Disc(motion.X[row], motion.Y[row], motion.radius[row]) for row in rows)
+        slots = tuple(frame.obstacle(scene.path, disc, x) for disc in discs)
     empty = params.surroundings.max_obstacles - len(slots)
     return slots + (frame.empty_slot(x),) * empty, chosen
-
-
-def grown_radius(params: ControllerParams, obstacle: PredictedObstacle, t: np.ndarray):
-    """Return the radius [m] that an obstacle has in the problem at the times `t` [s] from now.
-
-    That of an obstacle that moves grows by `safety.growth_mps`: the longer the prediction, the
-    less is known of where it is. The cost sees a distance that shrinks, as if D_sft grew.
-    """
-    growth = params.safety.growth_mps
-    moves = obstacle.vX != 0 or obstacle.vY != 0
-    return obstacle.r_obs + growth * t if growth and moves else obstacle.r_obs
 
 
 def to_matrix(
@@ -145,17 +138,42 @@ def to_matrix(
     return StageParameters(stages, P, obstacles)
 
 
-def closest_obstacles(params, obstacles: Obstacles, x: State, t) -> tuple[PredictedObstacle, ...]:
-    """Return the obstacles that the states `x` at the times `t` come closest to, ordered by id."""
+def closest_discs(
+    params: ControllerParams, obstacles: Obstacles, x: State
+) -> tuple[list[int], tuple[PredictedObstacle, ...]]:
+    """Return the discs that the states `x` of the stages come closest to, ordered by id.
 
-    def smallest_distance(obstacle):
-        disc = Disc(*obstacle.position(t), obstacle.r_obs)
-        return min(
-            np.min(distance.v2o(distance.circle(x, offset, params.body.circle_radius_m), disc))
-            for offset in params.body.circle_offsets_m
-        )
+    With them their rows in the `Motion` of all obstacles.
+    """
+    items, count = obstacles.items, params.surroundings.max_obstacles
+    if not items:
+        return [], ()
+    X, Y, radius, owner, first = motion_of(items, len(x.X), params.model.step_s, 0.0)
+    rows = range(len(owner))
+    if len(owner) > count:
+        disc, r = Disc(X, Y, radius), params.body.circle_radius_m
+        circles = (distance.circle(x, offset, r) for offset in params.body.circle_offsets_m)
+        gaps = [np.min(distance.v2o(circle, disc), axis=1) for circle in circles]
+        rows = np.argsort(np.min(gaps, axis=0), kind='stable')[:count].tolist()
+    rows = sorted(rows, key=lambda row: items[owner[row]].id)
+    discs = (discs_of(items[owner[row]])[row - first[owner[row]]] for row in rows)
+    return rows, tuple(discs)
 
-    count, closest = params.surroundings.max_obstacles, obstacles.items
-    if len(closest) > count:
-        closest = sorted(closest, key=smallest_distance)[:count]
-    return tuple(sorted(closest, key=lambda o: o.id))
+
+def rows_by_id(discs: Iterable[PredictedObstacle]) -> dict[int, list[int]]:
+    """Return which of some discs are those of each obstacle, by its id."""
+    rows: dict[int, list[int]] = {}
+    for row, disc in enumerate(discs):
+        rows.setdefault(disc.id, []).append(row)
+    return rows
+
+
+def left_out(obstacles: Obstacles, chosen: Iterable[PredictedObstacle]) -> str:
+    """Return the ids of obstacles of which not all discs are chosen, as words; '' if all are."""
+    rows = rows_by_id(chosen)
+    missing = {o.id: 1 + len(o.others) - len(rows.get(o.id, ())) for o in obstacles.items}
+    kinds = {'wholly': [], 'in part': []}
+    for number, count in missing.items():
+        if count:
+            kinds['in part' if number in rows else 'wholly'].append(str(number))
+    return ', '.join(f'{", ".join(ids)} {kind}' for kind, ids in kinds.items() if ids)

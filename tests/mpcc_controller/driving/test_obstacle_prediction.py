@@ -12,7 +12,12 @@ from mpcc_controller.driving import obstacle_prediction
 from mpcc_controller.driving.obstacle_prediction import MAX_DECELERATION, Tracks
 from mpcc_controller.driving.records import unknown_state
 from mpcc_controller.path import reference_path, road_edges
-from mpcc_controller.problem.obstacle_motion import LEAST_SPEED_MPS, Line, PredictedObstacle
+from mpcc_controller.problem.obstacle_motion import (
+    LEAST_SPEED_MPS,
+    Line,
+    PredictedObstacle,
+    discs_of,
+)
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.types import Obstacle, Obstacles, Reference, RoadEdges
 
@@ -21,8 +26,8 @@ TICK_NS, MEMORY_MS = 50 * MS, 300
 CAR = Obstacle(id=3, X=10.0, Y=-2.0, r_obs=1.05, vX=12.0, vY=-5.0)
 CONE = Obstacle(id=4, X=30.0, Y=1.0, r_obs=0.3, vX=0.0, vY=0.0)
 SPEED = 13.0  # of CAR
-ANGLES = np.arange(0.0, 3.0, 0.02)
-# a circle of 40 m to the left that begins at the origin along x
+ANGLES = np.arange(-1.0, 3.0, 0.02)
+# a circle of 40 m to the left, at the distance 0 at the origin along x
 CIRCLE = Line(40 * ANGLES, 40 * np.sin(ANGLES), 40 * (1 - np.cos(ANGLES)))
 
 
@@ -71,8 +76,8 @@ def test_a_braking_obstacle_moves_as_its_speed_integrates_and_then_stands(brakin
     ('start', 'accuracy'),
     [
         (PredictedObstacle(*CAR, braking=4.0), 1e-6),
-        (PredictedObstacle(1, 0.0, 0.0, 1.0, 10.0, 0.0, 0.0, CIRCLE), 0.3),
-        (PredictedObstacle(1, 0.0, 0.0, 1.0, 10.0, 0.0, 4.0, CIRCLE), 0.3),
+        (PredictedObstacle(1, 0.0, 0.0, 1.0, 10.0, 0.0, line=CIRCLE), 0.3),
+        (PredictedObstacle(1, 0.0, 0.0, 1.0, 10.0, 0.0, braking=4.0, line=CIRCLE), 0.3),
     ],
     ids=['braking', 'on a circle', 'braking on a circle'],
 )
@@ -88,6 +93,30 @@ def test_the_velocity_is_the_derivative_of_the_position(start, accuracy):
         assert start.velocity(instant) == pytest.approx(rate, abs=accuracy)
         later = np.array(start.moved(instant).position(0.2))
         assert later == pytest.approx(np.array(start.position(instant + 0.2)), abs=1e-9)
+
+
+BEHIND = tuple((-40 * np.sin(a), 40 * (1 - np.cos(a))) for a in (0.05, 0.1, 0.4))  # on CIRCLE
+
+
+@pytest.mark.parametrize('braking', [0.0, 4.0])
+def test_the_discs_of_an_object_on_a_line_follow_the_line_and_stay_those_of_one_object(braking):
+    lead = PredictedObstacle(1, 0.0, 0.0, 1.0, 10.0, 0.0, BEHIND, braking, CIRCLE)
+    t = np.array([0.0, 0.7, 2.0])
+    X, Y = lead.positions(t)
+    assert np.hypot(X, Y - 40.0) == pytest.approx(np.full((4, 3), 40.0), abs=0.01)
+    turned = np.unwrap(np.arctan2(X, 40.0 - Y), axis=0)
+    behind = np.array([[0.05], [0.1], [0.4]]) + 0 * t
+    assert turned[0] - turned[1:] == pytest.approx(behind, abs=1e-3)
+    for row, disc in enumerate(discs_of(lead)):
+        assert np.array(disc.position(t)) == pytest.approx(np.array([X[row], Y[row]]), abs=1e-9)
+    # from tick to tick it goes on as it was predicted
+    for later in t:
+        again = np.array(lead.moved(later).positions(t))
+        assert again == pytest.approx(np.array(lead.positions(t + later)), abs=1e-3)
+    straight = lead._replace(line=None)
+    X, Y = straight.positions(t)
+    assert X - X[0] == pytest.approx(np.array([[0.0], *([x] for x, _ in BEHIND)]) + 0 * t)
+    assert [disc.X for disc in discs_of(straight)] == pytest.approx(X[:, 0])
 
 
 def slowing(deceleration, ticks, first=0, deviation=0.0, seed=0):
@@ -179,6 +208,19 @@ def on_bend(obstacle, radius, side, params, follow_road_rad=0.35):
     observer = Observer(params, *bend(radius, side), follow_road_rad=follow_road_rad)
     (item,) = observer.see(Obstacles(1, (obstacle,)))
     return item
+
+
+@pytest.mark.parametrize('way', [1, -1])
+def test_in_a_bend_every_disc_of_a_lorry_stays_in_its_lane(params, way):
+    """It is on the arc of `place`, behind 30 m, all the time."""
+    stations = 110.0 - way * (20.0 + np.array([0.0, 4.0, 8.0, 16.0]))
+    X, Y, psi = place(60.0, 1, stations, 3.5)
+    others = tuple(zip((X - X[0])[1:].tolist(), (Y - Y[0])[1:].tolist()))
+    v = way * 10.0 * np.array([np.cos(psi[0]), np.sin(psi[0])])
+    lorry = Obstacle(1, float(X[0]), float(Y[0]), 1.0, *v.tolist(), others)
+    X, Y = on_bend(lorry, 60.0, 1, params).positions(np.linspace(0.0, 1.5, 4))
+    centre_X, centre_Y, _ = place(60.0, 1, 80.0, 60.0)
+    assert np.hypot(X - centre_X, Y - centre_Y) == pytest.approx(np.full((4, 4), 56.5), abs=0.1)
 
 
 @pytest.mark.parametrize('radius', [40.0, 120.0])

@@ -16,7 +16,7 @@ from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import State
 from mpcc_controller.path import reference_path
 from mpcc_controller.problem import stage_parameters
-from mpcc_controller.problem.obstacle_motion import PredictedObstacle
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle, discs_of
 from stage_solver.stage_problem import Plan, shift
 from vehicle_plant import parameters as plant_parameters
 from vehicle_plant.initial_state import Start
@@ -70,6 +70,22 @@ def all_guesses(scene, x0, car, params):
     around = ways.road_ahead(scene, x0, (), car, params)
     combinations = ways.side_combinations(around, x0, params)
     return [(*way, guesses.along_profile(around, way[1], x0, car, params)) for way in combinations]
+
+
+def test_an_object_of_several_discs_is_passed_on_one_side_as_far_as_it_reaches(road, car, params):
+    lorry = standing(4, 30.0, -1.0)._replace(others=((4.0, 0.0), (8.0, 1.5)))
+    scene = road(lorry)
+    discs = road(*(disc._replace(id=k) for k, disc in enumerate(discs_of(lorry))))
+    around = ways.road_ahead(scene, start(), (), car, params)
+    apart = ways.road_ahead(discs, start(), (), car, params).hazards
+    (met,) = around.hazards
+    assert (met.enter, met.leave) == (min(h.enter for h in apart), max(h.leave for h in apart))
+    assert (met.lowest, met.highest) == (-1.0, 0.5)
+    sides = [sides for sides, _ in ways.side_combinations(around, start(), params)]
+    assert sides == [{4: LEFT}, {4: RIGHT}]
+    line = straight_line(50.0, 20.0, Y=3.0)
+    assert ways.passed_sides(line, scene, scene.obstacles.items, params) == {4: LEFT}
+    assert ways.least_gaps(line, scene, params) == np.min(ways.least_gaps(line, discs, params))
 
 
 @quick
