@@ -112,8 +112,6 @@ class SafetyDistances(Struct):
     # between a circle of the car and an obstacle
     obstacle_m: Annotated[float, Range(1e-2, 10.0, 'm')]
     edge_m: Annotated[float, Range(1e-2, 10.0, 'm')]  # between a circle of the car and an edge
-    # left out: 0. Of obstacles that move, per time of the prediction
-    growth_mps: Annotated[float, Range(0.0, 2.0, 'm/s')] | None
     # whether edge_m is at most the room beside a car in the middle of the road (not of frenet);
     # left out: false
     fit_edges: bool | None
@@ -140,27 +138,36 @@ class Limits(Struct):
 class Surroundings(Struct):
     """How much of the world enters the problem."""
 
-    max_obstacles: Annotated[int, Range(1, 32, 'obstacles at a time')]
+    max_obstacles: Annotated[int, Range(1, 32, 'discs at a time')]
     path_search_m: Annotated[float, Range(1.0, 1e3, 'm, projection around the last foot')]
     edge_window_m: Annotated[float, Range(0.1, 20.0, 'm, edge heading and curvature')]
     # whether the centre of the track is beside the path where the road widens (not of frenet);
     # left out: false
     align_track: bool | None
-    # left out: obstacles keep their velocity
-    braking_window_s: (
-        Annotated[float, Range(0.05, 2.0, 's, at most, to observe how they brake')] | None
-    )
-    # left out: obstacles go straight on. Those that move along the road, or against it, follow it
+    # left out: none does. Tracked obstacles that move along the road, or against it, may follow it
     follow_road_rad: Annotated[float, Range(0.0, 1.0, 'rad, angle to the road, at most')] | None
     # of path, road edges and obstacles around each stage: those around the guess, or again around
     # the plan until it stays near them; left out: frozen
     arcs: Annotated[str, Choice(FROZEN, REFRESHED)] | None
-    # left out: 0. Of obstacles that vanish from the message
-    memory_s: Annotated[float, Range(0.0, 5.0, 's after an obstacle was last seen')] | None
     # left out: such a path is refused
     path_speed_mps: (
         Annotated[float, Range(1.0, 100.0, 'm/s, of a path whose poses have one stamp')] | None
     )
+
+
+class Tracker(Struct):
+    """How obstacles are tracked and predicted; left out: each keeps its velocity."""
+
+    # of what is received of an obstacle; left out: obstacles are not tracked, and the others may be
+    # left out, too
+    position_m: Annotated[float, Range(1e-3, 10.0, 'm, standard deviation per axis')] | None
+    velocity_mps: Annotated[float, Range(1e-3, 10.0, 'm/s, standard deviation per axis')] | None
+    jerk_mps3: (
+        Annotated[float, Range(0.1, 100.0, 'm/s^2, change of acceleration in 1 s, likely')] | None
+    )
+    missed: Annotated[float, Range(1e-6, 0.9, 'probability that a message lacks one')] | None
+    # every hypothesis above it counts, by a radius that leaves so much to all of them together
+    contact: Annotated[float, Range(1e-3, 0.5, 'probability of an obstacle beyond its disc')] | None
 
 
 class Solver(Struct):
@@ -300,6 +307,7 @@ class ControllerParams(Struct):
     safety: SafetyDistances
     limits: Limits
     surroundings: Surroundings
+    tracker: Tracker
     solver: Solver
     candidates: Candidates
     delay: Delay

@@ -100,6 +100,11 @@ class Obstacle(NamedTuple):
     # m, map: the centres of its further discs, from that of the first one
     others: tuple[tuple[float, float], ...] = ()
 
+    def discs(self) -> tuple['Obstacle', ...]:
+        """Return its discs, the first one first, as obstacles of one disc with its id."""
+        further = (self._replace(X=self.X + x, Y=self.Y + y, others=()) for x, y in self.others)
+        return (self._replace(others=()), *further) if self.others else (self,)
+
 
 class Refusal(NamedTuple):
     """Why an object of a message is not used."""

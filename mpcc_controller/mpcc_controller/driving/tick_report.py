@@ -97,6 +97,8 @@ class TickReporter:
         # obstacles that the problem has no room for
         known = record.scene.obstacles.items if record.scene.obstacles else ()
         beyond = len(known) - self._parts.params.surroundings.max_obstacles
+        if beyond > 0 and record.attempt:
+            beyond = _left_out(known, record.attempt.problem.parameters)
         if beyond > 0:
             values[LEFT_OUT] = beyond
         values['time.lead_ms'] = 1e3 * ns_to_s(record.effective_ns - inputs.state.stamp_ns)
@@ -130,6 +132,12 @@ class TickReporter:
                 line = ' '.join(f'{X:.2f},{Y:.2f}' for X, Y in points)
                 values[f'candidates.{number}.line'] = line
         return values
+
+
+def _left_out(known: Sequence[PredictedObstacle], placed: StageParameters) -> int:
+    """Return how many obstacles are in the problem at no stage."""
+    inside = {placed.obstacles[k].id for k in np.unique(placed.places)}
+    return len({o.id for o in known} - inside)
 
 
 def _solutions(attempt: Attempt) -> dict:
@@ -178,7 +186,8 @@ def distances_now(
 ) -> dict:
     """Return the distances at this instant, to obstacles also in path coordinates.
 
-    Each is that of the closest vehicle circle, of several circles that of each of them, too. The
+    Each is that of the closest vehicle circle, of several circles that of each of them, too, and of
+    the closest disc. The
     difference is positive where path coordinates overestimate the distance.
     """
     radius = params.body.circle_radius_m
@@ -190,6 +199,8 @@ def distances_now(
         frenet_disc = FrenetDisc(point.s, point.e, obstacle.r_obs)
         gaps = [float(distance.v2o(c, disc)) for c in circles]
         cartesian = min(gaps)
+        if cartesian >= values.get(f'v2o.{obstacle.id}', np.inf):
+            continue  # another disc of it is closer
         frenet = min(float(frenet_frame.v2o(c, radius, frenet_disc)) for c in circle_points)
         values[f'v2o.{obstacle.id}'] = cartesian
         values[f'v2o_frenet.{obstacle.id}'] = frenet
@@ -227,8 +238,9 @@ def _planned(evaluated: PlanValues, parameters: StageParameters, U: np.ndarray) 
     values = {'cost.total': sum(costs.values())}
     values |= {f'cost.{name}': cost for name, cost in costs.items()}
     values |= {f'weight.{name}': weight for name, weight in weights.items()}
-    for obstacle, D, q in zip(parameters.obstacles, evaluated.v2o, evaluated.priority_o):
-        values |= _distance(f'v2o.{obstacle.id}', D, q, weights['v2o'])
+    slots = evaluated.v2o, evaluated.priority_o
+    for key, D, q in stage_parameters.by_object(parameters, *slots):
+        values |= _distance(f'v2o.{key}', D, q, weights['v2o'])
     for side, D, q in zip(('left', 'right'), evaluated.v2e, evaluated.priority_e):
         values |= _distance(f'v2e.{side}', D, q, weights['v2e'])
     for name, e in evaluated.tracking._asdict().items():

@@ -1,81 +1,79 @@
-"""How an obstacle is predicted to move over the horizon. SI units.
+"""How the discs of obstacles are predicted to move over the horizon. SI units.
 
-At constant velocity, unless it was observed to brake: then until it stands. Straight on, unless it
-follows a line. What is predicted of which obstacle: `driving.obstacle_prediction`.
+At constant velocity, or along a course: positions at times. What is predicted of which obstacle:
+`driving.obstacle_prediction`.
 """
 
-import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-LEAST_SPEED_MPS = 0.5  # a slower obstacle that brakes stands
+STEP_S = 0.01  # over which the velocity on a course is taken
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
-    """Where an obstacle goes: corners (n,) and their distances [m] from the first one."""
+class Course:
+    """Where the centre of a disc will be, and by how much its radius grows meanwhile."""
 
-    distance: np.ndarray
-    X: np.ndarray
-    Y: np.ndarray
-
-    def at(self, distance: Any) -> tuple[Any, Any]:
-        """Return X and Y [m] at a distance [m] from the first corner."""
-        return tuple(np.interp(distance, self.distance, axis) for axis in (self.X, self.Y))
-
-    def direction(self, distance: float) -> tuple[float, float]:
-        """Return the direction (1) there, in the map."""
-        k = int(np.searchsorted(self.distance, distance, side='right'))
-        k = min(max(k, 1), len(self.distance) - 1)
-        dX, dY = self.X[k] - self.X[k - 1], self.Y[k] - self.Y[k - 1]
-        length = math.hypot(dX, dY)
-        return dX / length, dY / length
+    t: np.ndarray  # (n,) s, increasing
+    X: np.ndarray  # (n,) m, map
+    Y: np.ndarray  # (n,) m, map
+    growth: np.ndarray  # (n,) m, may be negative
 
 
 class PredictedObstacle(NamedTuple):
-    """An obstacle and how it goes on; its first fields are those of `Obstacle`."""
+    """A disc and how it goes on; its first fields are those of an `Obstacle` of one disc."""
 
-    id: int
+    id: int  # of its object: discs and hypotheses of one object share it
     X: float  # m, map
     Y: float  # m, map
     r_obs: float  # m
     vX: float  # m/s, map
     vY: float  # m/s, map
-    others: tuple[tuple[float, float], ...] = ()  # m, map: further discs, from the first one
-    braking: float = 0.0  # m/s^2, deceleration until it stands
-    line: Line | None = None  # that it follows; None: a straight one
-    along: float = 0.0  # m, how far along the line it is
+    others: tuple[tuple[float, float], ...] = ()  # none: each disc is one of these
+    course: Course | None = None  # None: it keeps its velocity
+    since: float = 0.0  # s, time of the course now
+    probability: float = 1.0  # of the hypothesis
 
     def position(self, t: Any) -> tuple[Any, Any]:
-        """Return X and Y [m] `t` [s] from now."""
-        t = self._driven(t)
-        if self.line is not None:
-            return self.line.at(self.along + np.hypot(self.vX, self.vY) * t)
-        return self.X + self.vX * t, self.Y + self.vY * t
+        """Return X and Y [m] `t` [s] from now; past its end a course stays where it is."""
+        if self.course is None:
+            return self.X + self.vX * t, self.Y + self.vY * t
+        at = self.since + t
+        return tuple(np.interp(at, self.course.t, axis) for axis in (self.course.X, self.course.Y))
 
     def velocity(self, t: float) -> tuple[float, float]:
         """Return vX and vY [m/s] `t` [s] from now."""
-        vX, vY, speed = self.vX, self.vY, np.hypot(self.vX, self.vY)
-        if self.line is not None:
-            dX, dY = self.line.direction(self.along + speed * self._driven(t))
-            vX, vY = speed * dX, speed * dY
-        share = max(1.0 - self.braking * t / speed, 0.0) if self.braking else 1.0
-        return vX * share, vY * share
+        if self.course is None:
+            return self.vX, self.vY
+        here, later = self.position(t), self.position(t + STEP_S)
+        return tuple((b - a) / STEP_S for a, b in zip(here, later))
+
+    def radius(self, t: Any) -> Any:
+        """Return the radius [m] in the problem `t` [s] from now: it grows with the doubt."""
+        if self.course is None:
+            return self.r_obs
+        growth = np.interp(self.since + t, self.course.t, self.course.growth)
+        return np.maximum(self.r_obs + growth, 0.0)
 
     def moved(self, t: float) -> 'PredictedObstacle':
-        """Return the obstacle as it will be `t` [s] from now; one that then stands stays there."""
+        """Return the obstacle as it will be `t` [s] from now."""
         (X, Y), (vX, vY) = self.position(t), self.velocity(t)
-        if self.braking and np.hypot(vX, vY) < LEAST_SPEED_MPS:
-            return PredictedObstacle(self.id, X, Y, self.r_obs, 0.0, 0.0, self.others)
-        along = self.along + np.hypot(self.vX, self.vY) * self._driven(t) if self.line else 0.0
-        return self._replace(X=X, Y=Y, vX=vX, vY=vY, along=along)
+        return self._replace(X=X, Y=Y, vX=vX, vY=vY, since=self.since + t if self.course else 0.0)
 
-    def _driven(self, t):
-        """Return the time [s] in which it comes as far at its present speed as in `t`."""
-        if not self.braking:
-            return t
-        speed = np.hypot(self.vX, self.vY)
-        braked = np.minimum(t, speed / self.braking)
-        return braked - self.braking * braked**2 / (2.0 * speed)
+
+@lru_cache(maxsize=16)
+def stages(obstacles: Sequence[PredictedObstacle], count: int, dt: float):
+    """Return X, Y and radius (n, count) [m] of obstacles at the stages, not to be changed.
+
+    A tick asks for those of the same obstacles ten times and more.
+    """
+    t = dt * np.arange(count)
+    table = np.empty((3, len(obstacles), count))
+    for row, o in enumerate(obstacles):
+        table[:2, row], table[2, row] = o.position(t), o.radius(t)
+    table.flags.writeable = False
+    return table

@@ -3,6 +3,8 @@
 Shared by all formulations. The names of the YAML files end here; SI units and symbols from here on.
 """
 
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +16,7 @@ from mpcc_controller.path import distance
 from mpcc_controller.path.distance import Disc
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.path.road_edges import Road
+from mpcc_controller.problem import obstacle_motion
 from mpcc_controller.problem.distance_frame import DistanceFrame
 from mpcc_controller.problem.obstacle_motion import PredictedObstacle
 from mpcc_controller.problem.ocp import SafetyDistance
@@ -31,6 +34,8 @@ class Scene(NamedTuple):
     path: ReferencePath | None
     road: Road | None
     obstacles: Obstacles | None
+    # where obstacles will be, from who knows: hypotheses by id
+    predictions: Mapping[int, Sequence[Any]] = MappingProxyType({})
 
 
 class StageParameters(NamedTuple):
@@ -38,8 +43,9 @@ class StageParameters(NamedTuple):
 
     stages: Any  # the parameters of a stage as the formulation names them, each leaf (N + 1,)
     P: np.ndarray  # (N + 1, np), the same as a matrix
-    # those in the problem, in the order of `stages.obstacles`
-    obstacles: tuple[PredictedObstacle, ...]
+    obstacles: tuple[PredictedObstacle, ...]  # the discs of which some have a place in the problem
+    # (slots, N + 1), which of them is in each of `stages.obstacles` at each stage
+    places: np.ndarray
 
 
 def car(params: ControllerParams, vehicle: CarParams) -> Car:
@@ -98,32 +104,58 @@ def constant_numbers(stages) -> np.ndarray:
 
 
 def obstacle_slots(params: ControllerParams, frame: DistanceFrame, scene: Scene, x: State):
-    """Return the obstacles along the planned states `x` in a frame, and which ones they are.
+    """Return the discs along the planned states `x` in a frame, which they are, and their places.
 
-    Unused slots are filled with an obstacle far away.
+    Where there are more of them than slots and obstacles are tracked, the closest ones of each
+    stage count, else those that come closest at any stage. Unused slots are filled with an obstacle
+    far away.
     """
-    t = params.model.step_s * np.arange(len(x.X))
-    chosen = closest_obstacles(params, scene.obstacles, x, t)
-    discs = (Disc(*o.position(t), grown_radius(params, o, t)) for o in chosen)
+    t, most = params.model.step_s * np.arange(len(x.X)), params.surroundings.max_obstacles
+    if len(scene.obstacles.items) > most and params.tracker.position_m is not None:
+        chosen = scene.obstacles.items
+        table = obstacle_motion.stages(chosen, len(t), params.model.step_s)
+        gaps = closest_gaps(x, table, params)
+        places = np.sort(np.argpartition(gaps, most - 1, axis=0)[:most], axis=0)
+        discs = [Disc(*np.take_along_axis(table, row[None, None], 1)[:, 0]) for row in places]
+    else:
+        chosen = closest_obstacles(params, scene.obstacles, x, t)
+        places = np.repeat(np.arange(len(chosen))[:, None], len(t), axis=1)
+        discs = [Disc(*o.position(t), o.radius(t)) for o in chosen]
     slots = tuple(frame.obstacle(scene.path, disc, x) for disc in discs)
-    empty = params.surroundings.max_obstacles - len(slots)
-    return slots + (frame.empty_slot(x),) * empty, chosen
+    return slots + (frame.empty_slot(x),) * (most - len(slots)), chosen, places
 
 
-def grown_radius(params: ControllerParams, obstacle: PredictedObstacle, t: np.ndarray):
-    """Return the radius [m] that an obstacle has in the problem at the times `t` [s] from now.
+def closest_gaps(x: State, table: np.ndarray, params: ControllerParams) -> np.ndarray:
+    """Return V2O [m] (n, k) of planned states to the discs of `obstacle_motion.stages`."""
+    oX, oY, radius = table
+    cos_psi, sin_psi = np.cos(x.psi), np.sin(x.psi)
+    square = np.inf
+    for offset in params.body.circle_offsets_m:
+        dX, dY = oX - x.X - offset * cos_psi, oY - x.Y - offset * sin_psi
+        square = np.minimum(square, dX**2 + dY**2)
+    return np.sqrt(square) - radius - params.body.circle_radius_m
 
-    That of an obstacle that moves grows by `safety.growth_mps`: the longer the prediction, the
-    less is known of where it is. The cost sees a distance that shrinks, as if D_sft grew.
+
+def by_object(parameters: StageParameters, v2o: Sequence[Any], priority: Sequence[Any]):
+    """Yield id, least V2O [m] and largest priority (N + 1,) of every obstacle in the problem.
+
+    v2o, priority: of every slot (N + 1,). Where an obstacle has no place V2O is infinite.
     """
-    growth = params.safety.growth_mps
-    moves = obstacle.vX != 0 or obstacle.vY != 0
-    return obstacle.r_obs + growth * t if growth and moves else obstacle.r_obs
+    count = len(parameters.places)
+    if not count:
+        return
+    ids = np.array([o.id for o in parameters.obstacles])
+    held = ids[parameters.places]
+    for key in dict.fromkeys(held.ravel().tolist()):
+        D = np.where(held == key, np.array(v2o[:count]), np.inf)
+        q = np.where(held == key, np.array(priority[:count]), 0.0)
+        yield key, np.min(D, axis=0), np.max(q, axis=0)
 
 
 def to_matrix(
     stages,
     obstacles: tuple[PredictedObstacle, ...],
+    places: np.ndarray,
     count: int,
     constants: np.ndarray | None = None,
 ) -> StageParameters:
@@ -142,7 +174,7 @@ def to_matrix(
         )
     for column, leaf in enumerate(varying, len(constants)):
         P[:, column] = leaf
-    return StageParameters(stages, P, obstacles)
+    return StageParameters(stages, P, obstacles, places)
 
 
 def closest_obstacles(params, obstacles: Obstacles, x: State, t) -> tuple[PredictedObstacle, ...]:
