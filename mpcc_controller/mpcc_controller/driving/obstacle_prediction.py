@@ -47,6 +47,7 @@ MAX_LATERAL = 15.0
 LEAST_COURSE_MPS = 1.0  # a slower obstacle shows no direction
 # priors, and by how much accelerations [m/s^2] and speeds [m/s] differ from what is claimed
 STANDS, BRAKES, FOLLOWS, TURNS = 0.5, 0.2, 0.9, 0.15
+ENDS, HELD_MPS2 = 0.5, 4.0  # probability that a turn ends now; the most that one is held with
 KEEPS_MPS2, TURNS_MPS2, MOVES_MPS = 0.5, 3.0, 5.0
 _normal = NormalDist().cdf
 BEYOND_S = 0.5  # of a course past the horizon: delay and memory
@@ -80,7 +81,7 @@ class Hypothesis(NamedTuple):
 
     kind: int
     braking: float  # m/s^2
-    lateral: float  # m/s^2, to the left
+    lateral: float  # m/s^2, to the left, now
     probability: float
 
 
@@ -240,9 +241,11 @@ def _hypotheses(o: Obstacle, track: Track, road: _Road) -> list[Hypothesis]:
     # kind -> weight, lateral acceleration that it claims
     wide = var + TURNS_MPS2**2
     off = 1 - FOLLOWS if o.id in road.of else 1.0
+    on, turns = (1 - TURNS) * _density(a_n, 0.0, kept), TURNS * _density(a_n, 0.0, wide)
+    turned, ended = a_n * TURNS_MPS2**2 / wide, ENDS * turns
     sides = {
-        STRAIGHT: (off * (1 - TURNS) * _density(a_n, 0.0, kept), 0.0),
-        TURN: (off * TURNS * _density(a_n, 0.0, wide), a_n * TURNS_MPS2**2 / wide),
+        STRAIGHT: (off * (on + ended), ended / (on + ended) * turned),
+        TURN: (off * (turns - ended), turned),
     }
     if o.id in road.of:
         lateral = speed**2 * road.of[o.id].kappa
@@ -291,7 +294,8 @@ def _expected(
     if how.kind == LANE:
         return _along_road(places, driven, road.of[o.id], road), sd
     # on the arc of a constant yaw rate; the body turns with it
-    turn = how.lateral / speed**2 * driven  # rad
+    held = min(max(how.lateral, -HELD_MPS2), HELD_MPS2) if how.kind == TURN else 0.0
+    turn = held / speed**2 * driven  # rad
     chord = driven * np.sinc(turn / (2 * np.pi))
     moved = _directions(v).T @ (chord * np.array([np.cos(turn / 2), np.sin(turn / 2)]))
     return [here[:, None] + moved + _turned(place - here, turn) for place in places], sd

@@ -151,7 +151,7 @@ def test_an_obstacle_beside_the_way_is_no_danger_but_on_a_plan_it_is(road, param
     scene, plan = road(standing(1, 30.0, Y)), straight_line(50.0, Y=Y - 1.0)
     assert ways.road_ahead(scene, start(), (), car, params) is None
     around = ways.road_ahead(scene, start(), (plan,), car, params)
-    assert [h.obstacle.id for h in around.hazards] == [1]
+    assert [h.id for h in around.hazards] == [1]
 
 
 @quick
