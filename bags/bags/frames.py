@@ -5,7 +5,8 @@ have one row per point and a second level of the index: the stage of a predictio
 coarse path, edge and point of the road edges. `stamp_ns` is the ROS time [ns] of each message.
 
 Columns end with their unit. What has members has a column per member behind a dot: a wheel
-(`load_n.fl`), an obstacle by its id (`x_m.1`), a value of a report by its key (`cost.total`).
+(`load_n.fl`), an obstacle by its id (`x_m.1`) and behind that its further discs (`x_m.1.1`), a
+value of a report by its key (`cost.total`).
 """
 
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -89,9 +90,9 @@ MEANINGS = {
         'y_m': Column('m', 'Y in the frame map'),
     },
     OBSTACLES: {
-        'x_m': Column('m', 'X of the centre in the frame map, by obstacle id'),
-        'y_m': Column('m', 'Y of the centre in the frame map, by obstacle id'),
-        'radius_m': Column('m', 'radius, by obstacle id'),
+        'x_m': Column('m', 'X of the centre of each disc in the frame map, by obstacle id'),
+        'y_m': Column('m', 'Y of the centre of each disc in the frame map, by obstacle id'),
+        'radius_m': Column('m', 'radius of its discs, by obstacle id'),
         'vx_mps': Column('m/s', 'velocity along X in the frame map, by obstacle id'),
         'vy_mps': Column('m/s', 'velocity along Y in the frame map, by obstacle id'),
     },
@@ -166,7 +167,7 @@ def frame_of(topic: str, table: Columns) -> 'pd.DataFrame':
         if topic == OBSTACLES:
             # by id: one that appears later is in no other place of the table
             stamp, *members = frame
-            members.sort(key=lambda name: int(name.rpartition(MEMBER)[2]))
+            members.sort(key=lambda name: [*map(int, name.split(MEMBER)[1:])])
             frame = frame[[stamp, *members]]
         return frame
     if topic not in TOPICS:
@@ -195,12 +196,14 @@ def _lines(topic, value):
 def _row(topic, value):
     """Return what a message has besides its stamp, by column."""
     if topic == OBSTACLES:
-        names = MEANINGS[topic]
-        return {
-            f'{name}{MEMBER}{item.id}': number
-            for item in value.items
-            for name, number in zip(names, (item.X, item.Y, item.r_obs, item.vX, item.vY))
-        }
+        names, row = MEANINGS[topic], {}
+        for item in value.items:
+            numbers = item.X, item.Y, item.r_obs, item.vX, item.vY
+            row |= {f'{name}{MEMBER}{item.id}': number for name, number in zip(names, numbers)}
+            for k, place in enumerate(item.others, 1):
+                at = item.X + place[0], item.Y + place[1]
+                row |= {f'{name}{MEMBER}{item.id}{MEMBER}{k}': x for name, x in zip(names, at)}
+        return row
     if topic not in ('/controller/why', '/diagnostics'):
         return {}
     node = {'node': value.name} if topic == '/diagnostics' else {}

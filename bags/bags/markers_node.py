@@ -143,8 +143,9 @@ def safety_shapes(
     pose, nothing = (state.X, state.Y, state.psi), geometry.Outline(0.0, 0.0, 0.0)
     seen = scene.car_shapes(*pose, nothing, distances.circle_offsets_m, own)
     for item in obstacles:
-        centre = item.X, item.Y
-        seen += scene.obstacle_shapes(item.id, centre, item.r_obs, own, distances.obstacle_m)
+        for k, o in enumerate(item.discs()):
+            safe = distances.obstacle_m
+            seen += scene.obstacle_shapes(item.id, (o.X, o.Y), item.r_obs, own, safe, k)
     if edges is not None:
         seen += scene.road_shapes(edges.left, edges.right, own + distances.edge_m)
     shapes = []

@@ -272,12 +272,11 @@ class ControllerNode(ManagedNode):
             stopping = in_force.stopping_text(limits) if is_too_slow else ''
             if self.stopping_log.has_changed(stopping) and stopping:
                 self.get_logger().warning(stopping)
-            left_out = why.values.get(LEFT_OUT, 0)
-            if self.left_out_log.has_changed(str(left_out)) and left_out:
+            left_out = why.values.get(LEFT_OUT, '')
+            if self.left_out_log.has_changed(left_out) and left_out:
                 most = self.controller.params.surroundings.max_obstacles
-                text = (
-                    f'{left_out} obstacles are left out: max_obstacles is {most}, the closest count'
-                )
+                text = f'left out of the obstacles, by id: {left_out}; max_obstacles is {most}'
+                text += ' discs, the closest count'
                 self.get_logger().warning(text)
             if self.actuators_log.has_changed(why.values.get(FAULT, '')):
                 self.get_logger().warning(self.controller.memory.actuators.describe())

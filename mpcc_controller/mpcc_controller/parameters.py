@@ -138,7 +138,7 @@ class Limits(Struct):
 class Surroundings(Struct):
     """How much of the world enters the problem."""
 
-    max_obstacles: Annotated[int, Range(1, 32, 'discs at a time')]
+    max_obstacles: Annotated[int, Range(1, 32, 'discs of obstacles at a time')]
     path_search_m: Annotated[float, Range(1.0, 1e3, 'm, projection around the last foot')]
     edge_window_m: Annotated[float, Range(0.1, 20.0, 'm, edge heading and curvature')]
     # whether the centre of the track is beside the path where the road widens (not of frenet);

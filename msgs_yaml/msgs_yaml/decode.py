@@ -5,6 +5,7 @@ raises DecodeError, which names the field and what is allowed, and is the invers
 of the same name in `encode`.
 """
 
+import math
 import struct
 from collections import Counter
 from functools import partial
@@ -18,11 +19,11 @@ from msgs_yaml import conformance, contract, conversions, flat_fields, types
 _CDR_ORDERS = {b'\x00\x01': '<iI', b'\x00\x00': '>iI'}
 _STAMP_OFFSET = 4  # after the encapsulation header
 # visualization_msgs/Marker
-_ARROW, _CYLINDER, _LINE_STRIP = 0, 3, 4
+_ARROW, _CYLINDER, _LINE_STRIP, _SPHERE_LIST = 0, 3, 4, 7
 _ADD, _DELETE, _DELETEALL = 0, 2, 3
 _EDGES = '/scenario/road_edges'
 _OBSTACLES = '/scenario/obstacles'
-_OBJECTS = {'obstacle': _CYLINDER, 'velocity': _ARROW}
+_OBJECTS = {'obstacle': (_CYLINDER, _SPHERE_LIST), 'velocity': (_ARROW,)}
 
 
 class DecodeError(ValueError):
@@ -84,7 +85,7 @@ def road_edges(msg: Any) -> types.RoadEdges:
 
 
 def obstacles(msg: Any) -> types.Obstacles:
-    """Return the obstacles of /scenario/obstacles, in the order of their cylinders.
+    """Return the obstacles of /scenario/obstacles, in the order of their shapes.
 
     An object that breaks the contract is refused, the others are used. Raises DecodeError if there
     are objects and none of them can be used: that would read as a free road.
@@ -107,13 +108,13 @@ def obstacles(msg: Any) -> types.Obstacles:
             refused.append(types.Refusal(kind, f'{marker.ns} {marker.id}: {reason}'))
         else:
             used[marker.ns][int(marker.id)] = marker
-    cylinders, arrows = used['obstacle'], used['velocity']
-    for number in arrows.keys() - cylinders.keys():
+    shapes, arrows = used['obstacle'], used['velocity']
+    for number in arrows.keys() - shapes.keys():
         lost = f'velocity {number}: belongs to no obstacle; allowed same id'
         refused.append(types.Refusal('velocity', lost))
-    if refused and not cylinders:
+    if refused and not shapes:
         raise DecodeError(f'{_OBSTACLES}: {refused[0].reason}')
-    items = tuple(_obstacle(c, arrows.get(number)) for number, c in cylinders.items())
+    items = tuple(_obstacle(shape, arrows.get(number)) for number, shape in shapes.items())
     return types.Obstacles(stamp_ns, items, tuple(refused))
 
 
@@ -194,8 +195,9 @@ def _fault(marker, used, stamp_ns, violations):
     """
     if marker.ns not in used:
         return 'ns', f'allowed ns {", ".join(used)}'
-    if marker.type != _OBJECTS[marker.ns]:
-        return 'type', f'type is {marker.type}; allowed {_OBJECTS[marker.ns]}'
+    if marker.type not in _OBJECTS[marker.ns]:
+        allowed = ', '.join(map(str, _OBJECTS[marker.ns]))
+        return 'type', f'type is {marker.type}; allowed {allowed}'
     if marker.action != _ADD:
         return 'action', f'action is {marker.action}; allowed {_ADD} (ADD)'
     if violations:
@@ -207,14 +209,29 @@ def _fault(marker, used, stamp_ns, violations):
     if marker.ns == 'obstacle' and marker.scale.x != marker.scale.y:
         x, y = marker.scale.x, marker.scale.y
         return 'shape', f'scale.y is {y}; allowed scale.x = {x}, obstacles are round'
+    if marker.type == _SPHERE_LIST:
+        q = marker.pose.orientation
+        if not len(marker.points):
+            return 'shape', 'it has no points; allowed 1 or more, the centres of its discs'
+        if q.x or q.y or not (abs(q.z) <= 1.0 and abs(q.w) <= 1.0):
+            turn = q.x, q.y, q.z, q.w
+            return 'shape', f'its orientation is {turn}; allowed a turn about z'
     return '', ''
 
 
-def _obstacle(cylinder, arrow):
+def _obstacle(shape, arrow):
     vX = vY = 0.0
     if arrow is not None:
         tail, tip = arrow.points
         vX, vY = float(tip.x) - float(tail.x), float(tip.y) - float(tail.y)
-    position = cylinder.pose.position
-    X, Y, radius = float(position.x), float(position.y), 0.5 * float(cylinder.scale.x)
-    return types.Obstacle(int(cylinder.id), X, Y, radius, vX, vY)
+    position, q = shape.pose.position, shape.pose.orientation
+    X, Y, radius = float(position.x), float(position.y), 0.5 * float(shape.scale.x)
+    others: tuple[tuple[float, float], ...] = ()
+    if shape.type == _SPHERE_LIST:
+        psi = conversions.quaternion_to_heading(float(q.z), float(q.w))
+        cos, sin = math.cos(psi), math.sin(psi)
+        places = [(cos * p.x - sin * p.y, sin * p.x + cos * p.y) for p in shape.points]
+        first_X, first_Y = places[0]
+        X, Y = X + first_X, Y + first_Y
+        others = tuple((float(x - first_X), float(y - first_Y)) for x, y in places[1:])
+    return types.Obstacle(int(shape.id), X, Y, radius, vX, vY, others)

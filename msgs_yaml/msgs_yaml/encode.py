@@ -82,12 +82,17 @@ def road_edges(x: types.RoadEdges) -> MarkerArray:
 
 def obstacles(x: types.Obstacles) -> MarkerArray:
     """Return /scenario/obstacles."""
-    cylinders, arrows = [], []
+    shapes, arrows = [], []
     for obstacle in x.items:
-        marker = _obstacle_marker(x.stamp_ns, obstacle, 'obstacle', Marker.CYLINDER)
-        marker.scale.x = marker.scale.y = 2.0 * float(obstacle.r_obs)
-        marker.scale.z = _OBSTACLE_HEIGHT_M
-        cylinders.append(marker)
+        kind = Marker.SPHERE_LIST if obstacle.others else Marker.CYLINDER
+        marker = _obstacle_marker(x.stamp_ns, obstacle, 'obstacle', kind)
+        marker.scale.x = marker.scale.y = marker.scale.z = 2.0 * float(obstacle.r_obs)
+        if obstacle.others:
+            others = (Point(x=float(dX), y=float(dY)) for dX, dY in obstacle.others)
+            marker.points = [Point(), *others]
+        else:
+            marker.scale.z = _OBSTACLE_HEIGHT_M
+        shapes.append(marker)
         if obstacle.vX or obstacle.vY:
             marker = _obstacle_marker(x.stamp_ns, obstacle, 'velocity', Marker.ARROW)
             marker.scale.x, marker.scale.y = _ARROW_M
@@ -96,7 +101,7 @@ def obstacles(x: types.Obstacles) -> MarkerArray:
             arrows.append(marker)
     header = _header('/scenario/obstacles', x.stamp_ns)
     no_obstacle = [Marker(header=header, action=Marker.DELETEALL)]
-    return MarkerArray(markers=cylinders + arrows or no_obstacle)
+    return MarkerArray(markers=shapes + arrows or no_obstacle)
 
 
 def why(x: types.Why) -> DiagnosticArray:

@@ -37,8 +37,8 @@ def check_start_is_free(start: Frame, road: Road, crowd: Sequence[Actor], tolera
         what = f'lies off the road at ({start.X:.1f}, {start.Y:.1f})'
         raise KeyedError('start', f'{what}; allowed only between the edges')
     for i, actor in enumerate(crowd):
-        o = actor.obstacle
-        gap = np.hypot(o.X - start.X, o.Y - start.Y) - o.r_obs - CAR_RADIUS
+        discs = actor.obstacle.discs()
+        gap = min(np.hypot(o.X - start.X, o.Y - start.Y) - o.r_obs - CAR_RADIUS for o in discs)
         if actors.is_present(actor, 0.0) and gap <= 0.0:
             what = 'covers the start: '
             what += f'a car (circle of {CAR_RADIUS:g} m) overlaps it by {-gap:.2f} m'
@@ -55,9 +55,10 @@ def check_obstacles_touch_road(crowd: Sequence[Actor], road: Road, end: float) -
         if actor.appears >= end:
             what = f'is {actor.appears:g} s, when the run is over; allowed less than {end:g} s'
             raise KeyedError(f'{key}.appears_at_s', what)
-        X, Y = actors.positions(actor, min(end, actor.disappears), MOTION_STEP)
-        outside = np.max(distance_outside(road, X, Y), axis=0)
-        gap = float(np.min(outside)) - actor.obstacle.r_obs
+        until = min(end, actor.disappears)
+        ways = [actors.positions(disc, until, MOTION_STEP) for disc in actor.discs]
+        outside = [np.min(np.max(distance_outside(road, X, Y), axis=0)) for X, Y in ways]
+        gap = float(min(outside)) - actor.obstacle.r_obs
         if gap >= 0.0:
             what = f'lies off the road by {gap:.2f} m at all times'
             raise KeyedError(key, f'{what}; allowed any place where it touches the road')

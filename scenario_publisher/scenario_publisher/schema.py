@@ -26,6 +26,7 @@ YawRate = Annotated[float, parameters.YAW_RATE]
 ActorSpeed = Annotated[float, Range(0.0, 50.0, 'm/s')]
 Velocity = Annotated[float, Range(-50.0, 50.0, 'm/s')]
 Radius = Annotated[float, Range(0.01, 50.0, 'm')]
+Ahead = Annotated[float, Range(-50.0, 50.0, 'm')]
 Time = Annotated[float, Range(0.0, 600.0, 's')]
 RunTime = Annotated[float, parameters.RUN_TIME]
 FinishStation = Annotated[float, Range(1.0, 20000.0, 'm')]
@@ -196,29 +197,34 @@ class FrictionPatch(Struct):
 
 
 class MapObstacle(Struct):
-    """A round obstacle placed in the map."""
+    """An obstacle placed in the map, a disc or several."""
 
     x_m: Coordinate  # of its centre
     y_m: Coordinate  # of its centre
-    radius_m: Radius
+    radius_m: Radius  # of every disc
     vx_mps: Velocity = 0.0  # velocity in the map
     vy_mps: Velocity = 0.0  # velocity in the map
     appears_at_s: Time = 0.0  # after the start, from then on it is there
     disappears_at_s: Time = inf  # from then on it is gone
+    # places of its discs, 1 to 16, ahead of its centre: in its direction, standing along x
+    discs_m: tuple[Ahead, ...] = (0.0,)
 
 
 class RoadObstacle(Struct):
-    """A round obstacle placed along the centre line of the road."""
+    """An obstacle placed along the centre line of the road, a disc or several."""
 
     station_m: Station  # of its centre along the centre line of the road
     offset_m: Offset  # of its centre to the left of that
-    radius_m: Radius
+    radius_m: Radius  # of every disc
     along_mps: Velocity = 0.0  # along the centre line, in its direction at that station
     across_mps: Velocity = 0.0  # to the left of it
     # straight on, or along the road at its offset (across_mps changes it)
     motion: Literal['straight', 'along_road'] = STRAIGHT
     appears_at_s: Time = 0.0  # after the start, from then on it is there
     disappears_at_s: Time = inf  # from then on it is gone
+    # places of its discs, 1 to 16, ahead of its centre: along the road, in its direction if it
+    # goes straight on
+    discs_m: tuple[Ahead, ...] = (0.0,)
 
 
 class Waypoint(Struct):
@@ -231,12 +237,14 @@ class Waypoint(Struct):
 
 
 class WaypointObstacle(Struct):
-    """A round obstacle that follows way-points."""
+    """An obstacle that follows way-points, a disc or several."""
 
     waypoints: tuple[Waypoint, ...]  # where it goes, 2 to 100
-    radius_m: Radius
+    radius_m: Radius  # of every disc
     appears_at_s: Time = 0.0  # after the start, from then on it is there
     disappears_at_s: Time = inf  # from then on it is gone
+    # places of its discs, 1 to 16, ahead of it along the road
+    discs_m: tuple[Ahead, ...] = (0.0,)
 
 
 Obstacle = MapObstacle | RoadObstacle | WaypointObstacle

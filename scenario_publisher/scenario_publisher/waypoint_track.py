@@ -52,7 +52,7 @@ def build_track(waypoints: Sequence[schema.Waypoint], centre: Line, key: str) ->
         what = f'has {len(waypoints)} way-points; allowed 2 to {MAX_WAYPOINTS}'
         raise KeyedError(f'{key}.waypoints', what)
     for i, point in enumerate(waypoints):
-        if point.station_m > centre.s[-1]:
+        if not 0.0 <= point.station_m <= centre.s[-1]:
             what = f'lies beyond the road with {point.station_m:g}; allowed 0 to '
             at = f'{key}.waypoints[{i}].station_m'
             raise KeyedError(at, f'{what}{centre.s[-1]:.2f} m')

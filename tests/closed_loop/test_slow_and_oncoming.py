@@ -9,7 +9,7 @@ from driven_setups import driven
 
 from experiments import simulation
 from experiments.families import scenario_document
-from experiments.families.scenario_document import CAR_DISCS, CAR_RADIUS, LANE
+from experiments.families.scenario_document import LANE
 from mpcc_controller.path import reference_path
 from scenario_publisher import scenario
 
@@ -134,22 +134,14 @@ def oncoming_in_bend(radius, side):
     ]
     length = sum(next(iter(piece.values()))['length_m'] for piece in pieces)
     # both drive towards each other: it begins as far beyond the meeting point as the car before it
-    discs = [
-        {
-            'station_m': min(2.0 * meet, length + speed) + ahead,
-            'offset_m': LANE,
-            'radius_m': CAR_RADIUS,
-            'along_mps': -speed,
-            'motion': 'along_road',
-        }
-        for ahead in CAR_DISCS
-    ]
+    begin = min(2.0 * meet, length + speed)
+    comes = scenario_document.car(begin, LANE, -speed, motion='along_road')
     parts = scenario_document.document(
         description='A car comes in its own lane of a bend.',
         length=length,
         speed=speed,
         segments=pieces,
-        obstacles=discs,
+        obstacles=[comes],
         left=1.5 * LANE,
         right=-0.5 * LANE,
     )

@@ -11,9 +11,9 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from example_messages import FAST, canonical, decoded, encoded, load_example
 from geometry_msgs.msg import Point, PoseStamped
-from visualization_msgs.msg import Marker
+from visualization_msgs.msg import Marker, MarkerArray
 
-from msgs_yaml import conformance, contract, decode, encode, field_paths
+from msgs_yaml import conformance, contract, conversions, decode, encode, field_paths
 from msgs_yaml.decode import DecodeError
 from msgs_yaml.types import (
     Actuators,
@@ -63,8 +63,8 @@ def place_of(topic, message, path):
         if selector in TOPICS[topic].joints:
             place.append(str(TOPICS[topic].joints.index(selector)))
         elif selector:
-            labels = [getattr(element, 'ns', selector) for element in owner]
-            k = len(labels) - 1 if selector == '*' else labels.index(selector)
+            labels = [selector if selector == '*' else element.ns for element in owner]
+            k = max(k for k, label in enumerate(labels) if label == selector)
             place.append(str(k))
             owner = owner[k]
     return '.'.join(place)
@@ -264,6 +264,7 @@ OBSTACLES = Obstacles(
     S, (Obstacle(1, 5.0, 0.0, 0.5, 0.0, 0.0), Obstacle(2, 9.0, 1.0, 0.5, 3.0, 0.0))
 )
 LONE = Obstacle(9, 40.0, 1.0, 0.5, 0.0, 0.0)
+DISCS = {'type': Marker.SPHERE_LIST, 'points': [Point(), Point(x=2.0)]}
 SIZE = r'scale.x \(2 r_obs\) is .*; allowed 0.01 to 100 m'
 FAULTS = {
     'no size': ({'scale.x': 0.0, 'scale.y': 0.0}, 'field', SIZE),
@@ -273,9 +274,16 @@ FAULTS = {
     'frame': ({'header.frame_id': 'odom'}, 'field', "frame_id is 'odom'; allowed 'map'"),
     'no stamp': ({'header.stamp': Time()}, 'field', 'stamp is 0.000000000 s'),
     'oval': ({'scale.y': 3.0}, 'shape', 'scale.y is 3.0; allowed scale.x = 1.0'),
-    'cube': ({'type': Marker.CUBE}, 'type', 'type is 1; allowed 3'),
+    'cube': ({'type': Marker.CUBE}, 'type', 'type is 1; allowed 3, 7'),
     'foreign': ({'ns': 'tree'}, 'ns', 'allowed ns obstacle, velocity'),
     'action': ({'action': 77}, 'action', 'action is 77; allowed 0'),
+    'no disc': ({'type': Marker.SPHERE_LIST}, 'shape', 'no points; allowed 1 or more'),
+    'discs': (DISCS | {'points': [Point()] * 17}, 'field', '17 long; allowed 0 to 16'),
+    'disc': (DISCS | {'points': [Point(x=1e3)]}, 'field', 'x of a disc.* is 1000.0; .* to 100 m'),
+    'nan disc': (DISCS | {'points': [Point(y=math.nan)]}, 'field', 'y of a disc.* is nan'),
+    'oval discs': (DISCS | {'scale.y': 3.0}, 'shape', 'scale.y is 3.0; allowed scale.x = 1.0'),
+    'tilted': (DISCS | {'pose.orientation.x': 0.5}, 'shape', r'allowed a turn about z'),
+    'nan turn': (DISCS | {'pose.orientation.z': math.nan}, 'shape', r'nan.*a turn about z'),
     'twin': ({'id': 1}, 'id', 'another one before it has this id'),
     'stamp': ({'header.stamp': Time(sec=99)}, 'stamp', 'not that of most markers'),
 }
@@ -322,6 +330,17 @@ def test_an_arrow_that_breaks_the_contract_costs_the_velocity_alone(change, reas
     assert read.items == tuple(item._replace(vX=0.0, vY=0.0) for item in OBSTACLES.items)
     (refusal,) = read.refused
     assert re.match(reason, refusal.reason)
+
+
+def test_the_discs_of_an_object_turn_with_its_pose():
+    (marker,) = encode.obstacles(Obstacles(S, (LONE._replace(others=((2.0, 0.0),)),))).markers
+    marker.points = [Point(x=1.0), Point(x=1.0, y=2.0)]
+    marker.pose.orientation.z, marker.pose.orientation.w = conversions.heading_to_quaternion(0.5)
+    (read,) = decode.obstacles(MarkerArray(markers=[marker])).items
+    cos, sin = math.cos(0.5), math.sin(0.5)
+    first, second = ((disc.X, disc.Y) for disc in read.discs())
+    assert first == pytest.approx((LONE.X + cos, LONE.Y + sin))
+    assert second == pytest.approx((LONE.X + cos - 2.0 * sin, LONE.Y + sin + 2.0 * cos))
 
 
 def test_markers_that_delete_are_no_objects_and_only_the_length_of_an_arrow_counts():

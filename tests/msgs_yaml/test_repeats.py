@@ -182,5 +182,5 @@ def test_the_most_obstacles_are_read_and_more_are_not_decoded():
     assert long_paths.min_cpu_s(lambda: subscriptions_node.read_obstacles(raw), 2) < 0.2
     huge = encode.obstacles(obstacles(1, speed=1.0))
     huge.markers[1].points = list(huge.markers[1].points) * 20_000
-    with pytest.raises(DecodeError, match=r'/scenario/obstacles: \d+ bytes; allowed 419200'):
+    with pytest.raises(DecodeError, match=r'/scenario/obstacles: \d+ bytes; allowed 553600'):
         subscriptions_node.read_obstacles(ros.serialize(huge))

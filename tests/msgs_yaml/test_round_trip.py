@@ -55,8 +55,11 @@ TOLD = st.one_of(
 VALUES = st.dictionaries(KEYS, TOLD, max_size=12)
 TEXT = st.text('ab é', max_size=9)
 LINE = st.lists(st.tuples(METRES, METRES), min_size=2, max_size=9).map(np.array)
+PLACE = st.tuples(number(-100, 100), number(-100, 100))
 OBSTACLE = st.builds(
-    types.Obstacle, st.integers(0, 99), METRES, METRES, number(0.01, 50), SPEED, SPEED
+    types.Obstacle,
+    *(st.integers(0, 99), METRES, METRES, number(0.01, 50), SPEED, SPEED),
+    st.lists(PLACE, max_size=15).map(tuple),
 )
 
 

@@ -5,7 +5,7 @@ Positions are in the frame `map`, velocities and accelerations in `base_link` (I
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from bags.storage.columns import Columns
 from bags.storage.read import LOCKSTEP
 from msgs_yaml import contract
 from msgs_yaml.conversions import NS_PER_S
+from msgs_yaml.types import Obstacles
 from node_runtime import provenance
 
 REQUIRED_TOPICS = (
@@ -76,7 +77,7 @@ NO_INPUTS = Inputs(EMPTY_NS, np.empty(0), np.empty(0))
 
 
 class Obstacle(NamedTuple):
-    """One obstacle over time; not-a-number where a message does not contain it."""
+    """One disc of an obstacle over time; not-a-number where a message does not contain it."""
 
     id: int
     x: np.ndarray  # m, one entry per obstacle message
@@ -84,10 +85,11 @@ class Obstacle(NamedTuple):
     vx: np.ndarray  # m/s
     vy: np.ndarray  # m/s
     radius: float  # m
+    disc: int = 0  # which one of the obstacle of this id, that of the message first
 
 
 class Scene(NamedTuple):
-    """The road and the obstacles, as the scenario published them."""
+    """The road and the discs of the obstacles, as the scenario published them."""
 
     reference: np.ndarray  # (n, 2) m, the coarse path
     left: np.ndarray  # (n, 2) m, left road edge in driving order
@@ -188,21 +190,38 @@ def _scene(reference, edges, obstacles):
     duration = reference.t[-1] - reference.t[0]
     length = np.hypot(np.diff(reference.X), np.diff(reference.Y)).sum()
     has_times = math.isfinite(duration) and duration > 0.0
-    # x, y, vx, vy of each obstacle, a row per message; and its last radius
-    rows: dict[int, np.ndarray] = {}
-    radii: dict[int, float] = {}
-    for k, message in enumerate(obstacles.values):
-        for item in message.items:
-            row = rows.setdefault(item.id, np.full((len(obstacles.values), 4), np.nan))
-            row[k], radii[item.id] = (item.X, item.Y, item.vX, item.vY), item.r_obs
+    stamp_ns = np.maximum.accumulate(obstacles.stamp_ns)  # an array without markers has no stamp
     return Scene(
         _polyline('/scenario/reference', np.column_stack([reference.X, reference.Y])),
         _polyline('/scenario/road_edges', edges.left),
         _polyline('/scenario/road_edges', edges.right),
-        np.maximum.accumulate(obstacles.stamp_ns),  # an array without markers has no stamp
-        tuple(Obstacle(number, *rows[number].T, radii[number]) for number in sorted(rows)),
+        stamp_ns,
+        obstacle_tracks(stamp_ns, obstacles.values),
         float(length / duration) if has_times else None,
     )
+
+
+def obstacle_tracks(stamp_ns: np.ndarray, messages: Sequence[Obstacles]) -> tuple[Obstacle, ...]:
+    """Return the discs of the obstacles of messages and their stamps (n,), ordered by id.
+
+    A message has the velocity of the first disc of an object. The others move with it, and as
+    from this message to the next relative to it: a truck in a bend turns.
+    """
+    # x, y, vx, vy of each disc, a row per message; and the last radius
+    rows: dict[tuple[int, int], np.ndarray] = {}
+    radii: dict[int, float] = {}
+    for row, message in enumerate(messages):
+        for item in message.items:
+            for k, o in enumerate(item.discs()):
+                track = rows.setdefault((item.id, k), np.full((len(messages), 4), np.nan))
+                track[row], radii[item.id] = (o.X, o.Y, o.vX, o.vY), item.r_obs
+    for number, k in rows:
+        if k:
+            offset = rows[number, k][:, :2] - rows[number, 0][:, :2]
+            with np.errstate(divide='ignore', invalid='ignore'):
+                turning = np.diff(offset, axis=0) / np.diff(stamp_ns)[:, None] * NS_PER_S
+            rows[number, k][:-1, 2:] += np.where(np.isfinite(turning), turning, 0.0)
+    return tuple(Obstacle(n, *rows[n, k].T, radii[n], k) for n, k in sorted(rows))
 
 
 def _polyline(topic, points):

@@ -43,6 +43,14 @@ def compute_series(drive: Drive) -> Series:
         obstacle_position(obstacle, scene, motion.stamp_ns) for obstacle in scene.obstacles
     ]
     crowd = list(zip(scene.obstacles, positions))
+
+    def by_id(gaps):
+        """Return the least of the gaps (n,) to the discs of each obstacle."""
+        least = {}
+        for obstacle, gap in zip(scene.obstacles, gaps):
+            least[obstacle.id] = np.fmin(least.get(obstacle.id, gap), gap)
+        return least
+
     circles = circle_centres(motion, facts.circles)
 
     def nearest(gaps):
@@ -58,22 +66,22 @@ def compute_series(drive: Drive) -> Series:
         speed=speed,
         sideslip=np.where(speed > SIDESLIP_FROM, sideslip, np.nan),
         # D_V2O of the paper (eq. 3), and D_V2E (eq. 4) with the sign of the road's side
-        v2o={
-            obstacle.id: nearest(
+        v2o=by_id(
+            nearest(
                 [np.hypot(*(at - np.column_stack(place)).T) - obstacle.radius for at in circles]
             )
             for obstacle, place in crowd
-        },
+        ),
         v2e={
             side: nearest([inside * geometry.distance_to_polyline(at, edge) for at in circles])
             for side, inside, edge in (('left', -1.0, scene.left), ('right', 1.0, scene.right))
         },
-        outline_gaps={
-            obstacle.id: geometry.gap_to_circle(
+        outline_gaps=by_id(
+            geometry.gap_to_circle(
                 motion.x, motion.y, motion.yaw, facts.outline, x, y, obstacle.radius
             )
             for obstacle, (x, y) in crowd
-        },
+        ),
     )
 
 

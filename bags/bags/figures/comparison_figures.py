@@ -69,7 +69,9 @@ def draw_trajectories(ax, runs: Sequence[EvaluatedDrive]) -> None:
         for k, x, y in zip(timed, *places):
             if np.isfinite([x, y]).all():
                 _discs(ax, (x, y), obstacle.radius, facts, 0.4)
-                _time_label(ax, (x, y - obstacle.radius), first.series.t[k], style.INK, 'top')
+                if not obstacle.disc:
+                    place = x, y - obstacle.radius
+                    _time_label(ax, place, first.series.t[k], style.INK, 'top')
         ax.plot(obstacle.x, obstacle.y, color=style.EDGE, lw=0.8, zorder=2)
     for k in timed if moving else ():
         place = first.drive.motion.x[k], _box(first, k)[:, 1].max()

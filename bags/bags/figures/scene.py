@@ -50,12 +50,15 @@ def road_shapes(
     return shapes if path is None else [*shapes, Shape('path', path)]
 
 
-def obstacle_shapes(number: int, centre, radius: float, own: float, safe: float) -> list[Shape]:
-    """Return the discs `unsafe`, `touch` and `obstacle` of an obstacle.
+def obstacle_shapes(
+    number: int, centre, radius: float, own: float, safe: float, disc: int = 0
+) -> list[Shape]:
+    """Return the discs `unsafe`, `touch` and `obstacle` of a disc of an obstacle.
 
-    The centre of a car's circle, of radius `own`, must stay out of the first two.
+    The centre of a car's circle, of radius `own`, must stay out of the first two. The number of the
+    shapes is that of the obstacle, of its further discs one that no other has up to ids of 2^24.
     """
-    touch, centre = radius + own, np.asarray(centre)
+    touch, centre, number = radius + own, np.asarray(centre), number ^ disc << 24
     reaches = {'unsafe': touch + safe, 'touch': touch, 'obstacle': radius}
     return [Shape(kind, centre, reach, number) for kind, reach in reaches.items()]
 
@@ -99,7 +102,7 @@ def states_at(run: EvaluatedDrive, t: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def positions_at(run: EvaluatedDrive, t: np.ndarray) -> np.ndarray:
-    """Return the positions (k, 2, n) [m] of the obstacles at times t (n,) [s] since the start."""
+    """Return the positions (k, 2, n) [m] of the discs at times t (n,) [s] since the start."""
     scene = run.drive.scene
     stamp_ns = run.stamp_ns[0] + np.round(t * NS_PER_S).astype(np.int64)
     each = [obstacle_position(obstacle, scene, stamp_ns) for obstacle in scene.obstacles]
@@ -116,9 +119,8 @@ def shapes_at(run: EvaluatedDrive, t: float) -> list[Shape]:
     shapes = []
     places = positions_at(run, np.array([min(t, run.series.t[-1])]))[..., 0]
     for obstacle, place in zip(scene.obstacles, places):
-        shapes += obstacle_shapes(
-            obstacle.id, place, obstacle.radius, facts.vehicle_radius, facts.safe_obstacle
-        )
+        own, safe = facts.vehicle_radius, facts.safe_obstacle
+        shapes += obstacle_shapes(obstacle.id, place, obstacle.radius, own, safe, obstacle.disc)
     now_ns = motion.stamp_ns[0] + round(t * NS_PER_S)
     step = float(np.median(np.diff(run.series.t))) if len(run.series.t) > 1 else TRAIL_S
     past = np.searchsorted(motion.stamp_ns, now_ns, side='right')

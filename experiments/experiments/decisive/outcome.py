@@ -60,7 +60,8 @@ def _has_failed(scn, state):
         < scn.edges.left[0, 1]
         or any(
             math.hypot(state.X - disc.X, state.Y - disc.Y) < disc.r_obs + CIRCLE_M
-            for disc in scn.obstacles.items
+            for obstacle in scn.obstacles.items
+            for disc in obstacle.discs()
         )
     )
 

@@ -60,7 +60,7 @@ def oncoming(random: Random, hard: bool) -> Document | None:
         description=f'A car comes at {theirs:.1f} m/s, seen {meets_s:.2f} s before they meet.',
         last=meet,
         speed=speed,
-        obstacles=car(meet + theirs * meets_s, offset, -theirs, appears_at_s=seen_s),
+        obstacles=[car(meet + theirs * meets_s, offset, -theirs, appears_at_s=seen_s)],
     )
 
 
@@ -83,7 +83,7 @@ def slower_car(random: Random, hard: bool) -> Document | None:
         description=f'A car ahead drives at {theirs:.1f} m/s, the own car at {speed:.1f} m/s.',
         last=last,
         speed=speed,
-        obstacles=car(x, offset, theirs, appears_at_s=seen_s),
+        obstacles=[car(x, offset, theirs, appears_at_s=seen_s)],
     )
 
 
@@ -115,7 +115,7 @@ def cut_in(random: Random, hard: bool) -> Document | None:
         description=f'A car cuts in {lead:.0f} m ahead and brakes to {slow:.1f} m/s.',
         last=last,
         speed=speed,
-        obstacles=car_along(points),
+        obstacles=[car_along(points)],
         extra_s=5.0,
     )
 
@@ -169,7 +169,7 @@ def several_movers(random: Random, hard: bool) -> Document | None:
         last=last,
         speed=speed,
         obstacles=[
-            *car(gap, random.uniform(-0.3, 0.3), slower),
+            car(gap, random.uniform(-0.3, 0.3), slower),
             disc(beside + theirs * beside_s, LANE, CAR_RADIUS, along_mps=-theirs),
             disc(walker, RIGHT + 0.2, 0.3, along_mps=random.uniform(-1.5, 1.5)),
         ],
@@ -222,7 +222,7 @@ def stop_and_go(random: Random, hard: bool) -> Document | None:
         description=f'The car ahead brakes with {deceleration:.1f} m/s2, waits, and drives on.',
         length=stands + 40.0,
         speed=speed,
-        obstacles=car_along(points),
+        obstacles=[car_along(points)],
         left=2.2,
         right=-2.2,
         extra_s=15.0,

@@ -18,7 +18,7 @@ TIME_FACTOR = 2.2  # of the time limit over the time at the desired speed
 SPARE_S = 6.0  # of the time limit
 DIGITS = 4  # 0.1 mm; of a curvature 0.3 % in a bend of 30 m
 CAR_RADIUS = 1.05  # m, of the discs of a car
-CAR_DISCS = (-1.35, 1.35)  # m, their centres: together 4.8 m long
+CAR_DISCS = (-1.35, 1.35)  # m, their places along it: together 4.8 m long
 
 Document = dict[str, Any]
 Block = dict[str, Any]
@@ -122,15 +122,13 @@ def lane_change(length: float, offset: float) -> Block:
 
 
 def disc(station: float, offset: float, radius: float, **motion: Any) -> Block:
-    """Return an obstacle on the road; `motion` are further keys of the schema."""
+    """Return an obstacle on the road, one disc; `motion` are further keys of the schema."""
     return {'station_m': station, 'offset_m': offset, 'radius_m': radius, **motion}
 
 
-def car(station: float, offset: float, speed: float = 0.0, **motion: Any) -> list[Block]:
-    """Return the discs of a car along the road, at a speed of either sign."""
-    return [
-        disc(station + ahead, offset, CAR_RADIUS, along_mps=speed, **motion) for ahead in CAR_DISCS
-    ]
+def car(station: float, offset: float, speed: float = 0.0, **motion: Any) -> Block:
+    """Return a car along the road, at a speed of either sign."""
+    return disc(station, offset, CAR_RADIUS, along_mps=speed, discs_m=CAR_DISCS, **motion)
 
 
 def waypoint(station: float, offset: float, speed: float, wait: float = 0.0) -> Block:
@@ -139,16 +137,9 @@ def waypoint(station: float, offset: float, speed: float, wait: float = 0.0) -> 
     return {**point, 'wait_s': wait} if wait else point
 
 
-def car_along(points: Sequence[Block], **times: float) -> list[Block]:
-    """Return the discs of a car that follows way-points."""
-    return [
-        {
-            'waypoints': [{**p, 'station_m': p['station_m'] + ahead} for p in points],
-            'radius_m': CAR_RADIUS,
-            **times,
-        }
-        for ahead in CAR_DISCS
-    ]
+def car_along(points: Sequence[Block], **times: float) -> Block:
+    """Return a car that follows way-points."""
+    return {'waypoints': [*points], 'radius_m': CAR_RADIUS, 'discs_m': CAR_DISCS, **times}
 
 
 def rounded(value: Any) -> Any:

@@ -79,7 +79,7 @@ def _oncoming(random, hard, bends, lane=LANE, who='A car'):
     road = _road(random, bends)
     at, seen_s = road.station(random.uniform(0.1, 0.9)), _seen_s(random, hard, (2.5, 5.0))
     speed, offset = random.uniform(0.7, 1.15) * road.speed, lane + random.uniform(-0.3, 0.3)
-    others = _comes(road, at, speed, offset, seen_s, who != 'A car')
+    others = [_comes(road, at, speed, offset, seen_s, who != 'A car')]
     return _two_lanes(random, road, f'{who} comes in its lane', at, others, lane)
 
 
@@ -91,7 +91,7 @@ def parked_and_oncoming(random: Random, hard: bool) -> Document | None:
         return None
     parked = car(at, random.uniform(-1.3, -0.2), appears_at_s=_appears_s(road, at, seen_s))
     meet, speed = at + random.uniform(-10.0, 30.0), random.uniform(0.6, 1.1) * road.speed
-    others = [*parked, *_comes(road, meet, speed, LANE, seen_s)]
+    others = [parked, _comes(road, meet, speed, LANE, seen_s)]
     text = 'A car stands in the lane of a bend, and another one comes'
     return _two_lanes(random, road, text, at, others, extra_s=8.0)
 
@@ -102,11 +102,11 @@ def crest(random: Random, hard: bool) -> Document | None:
     at, sight_s = road.station(0.6), random.uniform(*((1.5, 2.5) if hard else (2.0, 3.5)))
     if not hard and not _can_stop(road, road.speed, road.speed * sight_s):
         return None
-    others = car(at, random.uniform(-1.0, 0.5), appears_at_s=_appears_s(road, at, sight_s))
+    others = [car(at, random.uniform(-1.0, 0.5), appears_at_s=_appears_s(road, at, sight_s))]
     if random.random() < 0.5:
         # both approach: it comes into sight when half of the time is left
         meet = at + random.uniform(0.0, 20.0)
-        others += _comes(road, meet, road.speed, LANE, sight_s / 2.0)
+        others.append(_comes(road, meet, road.speed, LANE, sight_s / 2.0))
     text = f'A car stands behind a crest, seen {sight_s:.2f} s ahead'
     return _two_lanes(random, road, text, at, others, extra_s=8.0)
 
@@ -132,12 +132,12 @@ def _ahead(random, hard, who, shares, offsets):
     reached = begin / (1.0 - theirs / road.speed)
     if who == 'A cyclist':
         motion = {'along_mps': theirs, 'motion': ALONG_ROAD}
-        others = [disc(begin + ahead, offset, 0.45, **motion) for ahead in (-0.5, 0.5)]
+        others = [disc(begin, offset, 0.45, discs_m=(-0.5, 0.5), **motion)]
     else:
-        others = car(begin, offset, theirs, motion=ALONG_ROAD)
+        others = [car(begin, offset, theirs, motion=ALONG_ROAD)]
     if random.random() < 0.5:
         meet = reached + random.uniform(-1.0, 2.0) * road.speed
-        others += _comes(road, meet, road.speed, LANE, 4.0)
+        others.append(_comes(road, meet, road.speed, LANE, 4.0))
     text = f'{who} is ahead at {theirs:.1f} m/s in a bend'
     return _two_lanes(random, road, text, reached + 3.0 * theirs, others, extra_s=12.0)
 
@@ -161,9 +161,9 @@ def motorway_merge(random: Random, hard: bool) -> Document | None:
         # behind the bend, where straight on is along the road
         waypoint(max(merged, road.end + CLOTHOID_S * road.speed) + 5.0, 0.0, theirs),
     ]
-    others = car_along(points)
+    others = [car_along(points)]
     if random.random() < 0.5:
-        others += car(random.uniform(-15.0, 15.0), LANE, road.speed, motion=ALONG_ROAD)
+        others.append(car(random.uniform(-15.0, 15.0), LANE, road.speed, motion=ALONG_ROAD))
     last = lead + theirs * (move_s + 3.0)
     text = f'A car merges at {theirs:.1f} m/s'
     return _two_lanes(random, road, text, last, others, ramp=LANE)
@@ -204,7 +204,7 @@ def roundabout_entry(random: Random, hard: bool) -> Document | None:
         length=length,
         speed=speed,
         segments=segments,
-        obstacles=[d for t in times for d in car_along(points, appears_at_s=max(0.0, t))],
+        obstacles=[car_along(points, appears_at_s=max(0.0, t)) for t in times],
         left=3.0,
         right=-3.0,
         extra_s=10.0,
@@ -228,7 +228,7 @@ def junction_crossing(random: Random, hard: bool) -> Document | None:
         description=f'A car crosses at {theirs:.1f} m/s, seen {ahead_s:.2f} s ahead.',
         last=x,
         speed=speed,
-        obstacles=[disc(x, begin + aside, CAR_RADIUS, **motion) for aside in CAR_DISCS],
+        obstacles=[disc(x, begin, CAR_RADIUS, discs_m=CAR_DISCS, **motion)],
     )
 
 
@@ -259,13 +259,13 @@ def _appears_s(road, at, seen_s):
     return max(0.0, at / road.speed - seen_s)
 
 
-def _comes(road, meet, theirs, offset, seen_s, is_truck=False) -> list[Block]:
+def _comes(road, meet, theirs, offset, seen_s, is_truck=False) -> Block:
     """Return who comes along the road and meets the car at a station, seen before by a time."""
     appears_s = _appears_s(road, meet, seen_s)
     begin = meet + theirs * (meet / road.speed - appears_s)
     motion = {'along_mps': -theirs, 'appears_at_s': appears_s, 'motion': ALONG_ROAD}
     radius, places = (TRUCK_RADIUS, TRUCK_DISCS) if is_truck else (CAR_RADIUS, CAR_DISCS)
-    return [disc(begin + ahead, offset, radius, **motion) for ahead in places]
+    return disc(begin, offset, radius, discs_m=places, **motion)
 
 
 def _can_stop(road, speed, gap):
@@ -276,7 +276,8 @@ def _can_stop(road, speed, gap):
 def _two_lanes(random, road, text, last, others, lane=LANE, ramp=0.0, extra_s=0.0):
     """Return the document of a road with others on it, or its mirror image."""
     driven = road.end + CLOTHOID_S * road.speed
-    stations = [block['station_m'] for block in others if 'station_m' in block]
+    on_road = [block for block in others if 'station_m' in block]
+    stations = [block['station_m'] + max(block['discs_m']) for block in on_road]
     length = max(finish(last, road.speed), driven + 1.0, *stations)
     shoulders = LEFT - 1.5 * LANE if lane == LANE else 0.15
     parts = document(

@@ -61,10 +61,11 @@ def _from_above(axes, scn, circles):
     for actor in scn.actors:
         for count, (t, o) in enumerate(_places(scn, actor)):
             alpha = 0.85 if count == 0 else 0.25
-            axes.add_patch(Circle((o.X, o.Y), o.r_obs, color=OBSTACLE, alpha=alpha, lw=0))
-            safe = o.r_obs + circles.obstacle_m
-            ring = Circle((o.X, o.Y), safe, fill=False, ec=style.UNSAFE, ls=':', lw=0.8)
-            axes.add_patch(ring)
+            for d in o.discs():
+                axes.add_patch(Circle((d.X, d.Y), d.r_obs, color=OBSTACLE, alpha=alpha, lw=0))
+                safe = d.r_obs + circles.obstacle_m
+                ring = Circle((d.X, d.Y), safe, fill=False, ec=style.UNSAFE, ls=':', lw=0.8)
+                axes.add_patch(ring)
             if count and count % 2 == 0:
                 axes.annotate(f'{t:.0f} s', (o.X, o.Y), fontsize=6.5, ha='center', va='center')
         o = actor.obstacle

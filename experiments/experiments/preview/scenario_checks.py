@@ -70,10 +70,11 @@ def encounter(
     times = [t for t in np.arange(0.0, end, STEP_S) if actors.is_present(actor, t)]
     if not times:
         return None
-    places = [actors.obstacle_at(actor, t) for t in times]
+    places = [actors.obstacle_at(actor, t).discs() for t in times]
     along = ref.t[first] + np.array(times)
     X, Y = np.interp(along, ref.t, ref.X), np.interp(along, ref.t, ref.Y)
-    apart = np.hypot(X - [o.X for o in places], Y - [o.Y for o in places])
+    each = zip(X, Y, places)
+    apart = [min(np.hypot(x - o.X, y - o.Y) for o in discs) for x, y, discs in each]
     i = int(np.argmin(apart))
     gap = float(apart[i]) - actor.obstacle.r_obs - circles.radius_m
     return Encounter(gap, float(times[i]), float(np.interp(along[i], ref.t, station)))
@@ -137,7 +138,8 @@ def _show_check(result, check, console):
 def _about(actor):
     o = actor.obstacle
     speed = np.hypot(o.vX, o.vY)
-    text = f'radius {o.r_obs:g} m at ({o.X:.1f}, {o.Y:.1f}) m'
+    several = f'{len(actor.discs)} discs, ' if actor.others else ''
+    text = f'{several}radius {o.r_obs:g} m at ({o.X:.1f}, {o.Y:.1f}) m'
     if actor.track is not None:
         text += f', follows its way, up to {actor.track.fastest:.1f} m/s'
     elif speed:

@@ -61,11 +61,11 @@ def impossible_at(emergency: Emergency) -> float | None:
     for k in range(1, ticks + 1):
         t = k * STEP_S
         stamp = emergency.start_ns + round(t * NS_PER_S)
-        obstacles = emergency.foreseen_at(stamp).items
+        obstacles = [disc for o in emergency.foreseen_at(stamp).items for disc in o.discs()]
         # within a step the velocity stays in a disc of radius a t around v
         box, reached = grid.moved(box, reached, v * STEP_S, a * t * STEP_S)
         reached &= grid.near(box, start + v * t, a * t**2 / 2)
-        reached &= ~grid.blocked(box, emergency.obstacles_at(stamp).items)
+        reached &= ~grid.blocked(box, emergency.discs_at(stamp).values())
         if not reached.any():
             return t
         if not obstacles and t > speed / a:

@@ -19,7 +19,7 @@ from experiments.survivable.road_coordinates import RoadCoordinates
 from mpcc_controller.driving.records import TickInputs
 from msgs_yaml import conversions
 from msgs_yaml.conversions import NS_PER_S
-from msgs_yaml.types import Command, Obstacles
+from msgs_yaml.types import Command, Obstacle, Obstacles
 from scenario_publisher import actors, scenario
 from vehicle_plant import road_friction
 from vehicle_plant.initial_state import Start
@@ -81,6 +81,11 @@ class Emergency:
     def obstacles_at(self, stamp_ns: int) -> Obstacles:
         """Return the obstacles that are present at a stamp."""
         return scenario.obstacles_at(self.setup.scn, self._since_start(stamp_ns), stamp_ns)
+
+    def discs_at(self, stamp_ns: int) -> dict[tuple[int, int], Obstacle]:
+        """Return the discs of the obstacles present at a stamp, by id and number of the disc."""
+        items = self.obstacles_at(stamp_ns).items
+        return {(o.id, k): disc for o in items for k, disc in enumerate(o.discs())}
 
     def foreseen_at(self, stamp_ns: int) -> Obstacles:
         """Return these and those that will appear, where their motion traced back puts them."""

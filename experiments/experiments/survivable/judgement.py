@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bags.evaluation import geometry
-from bags.evaluation.drive import Drive
+from bags.evaluation.drive import Drive, obstacle_tracks
 from bags.evaluation.geometry import Outline
 from bags.evaluation.metrics import survival
 from bags.evaluation.metrics.outcome import SLIDING_DEG
@@ -61,19 +61,20 @@ class Judge:
         self._wheels = np.array(
             [(x, side * axle.track_m / 2) for x, axle in axles for side in (1, -1)]
         )
-        self._tables = self._obstacle_tables()
+        stamps = emergency.start_ns + TICK_NS * np.arange(emergency.most_ticks + 1)
+        messages = [emergency.obstacles_at(int(stamp)) for stamp in stamps]
+        self._discs = obstacle_tracks(stamps, messages)
 
     def shortfall(self, rollout: Rollout) -> Shortfall:
         """Return what a rollout lacks."""
         X, Y, psi, vx, vy = rollout.states()
         since = (rollout.stamps() - self._emergency.start_ns) / NS_PER_S
         gap = 0.0
-        for table in self._tables:
-            k = np.minimum((since * NS_PER_S / TICK_NS).astype(int), len(table) - 1)
-            x, y, vx_o, vy_o, r = table[k].T
+        for disc in self._discs:
+            k = np.minimum((since * NS_PER_S / TICK_NS).astype(int), len(disc.x) - 1)
             age = since - k * TICK_NS / NS_PER_S
-            place = x + vx_o * age, y + vy_o * age
-            gaps = geometry.gap_to_circle(X, Y, psi, self._outline, *place, r)
+            place = disc.x[k] + disc.vx[k] * age, disc.y[k] + disc.vy[k] * age
+            gaps = geometry.gap_to_circle(X, Y, psi, self._outline, *place, disc.radius)
             if np.isfinite(gaps).any():  # while it is present
                 gap += max(0.0, MARGIN_M - np.nanmin(gaps))
         wheels = geometry.transform_to_map(self._wheels, X[::5], Y[::5], psi[::5])
@@ -85,17 +86,6 @@ class Judge:
             max(0.0, beyond - SHOULDER_M + ROAD_MARGIN_M),
             max(0.0, sideslip - SLIDING_DEG + SLIDING_MARGIN_DEG) / 10,
         )
-
-    def _obstacle_tables(self):
-        """Return (ticks, 5) per obstacle: x, y, vx, vy, radius; not-a-number while absent."""
-        emergency = self._emergency
-        stamps = emergency.start_ns + TICK_NS * np.arange(emergency.most_ticks + 1)
-        tables = {}
-        for row, stamp in enumerate(stamps):
-            for o in emergency.obstacles_at(int(stamp)).items:
-                table = tables.setdefault(o.id, np.full((len(stamps), 5), np.nan))
-                table[row] = o.X, o.Y, o.vX, o.vY, o.r_obs
-        return list(tables.values())
 
 
 def survives(drive: Drive) -> bool:

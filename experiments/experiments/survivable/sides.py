@@ -38,7 +38,7 @@ class Meeting(NamedTuple):
 
     begin: float  # m, station
     end: float
-    blocked: tuple[tuple[float, float], ...]  # m, (right, left) of each obstacle
+    blocked: tuple[tuple[float, float], ...]  # m, (right, left) of each disc of them
 
 
 def approaches(emergency: Emergency) -> list[Approach]:
@@ -75,10 +75,10 @@ def _meetings(emergency, s) -> Iterator[Meeting]:
     stamps = emergency.start_ns + round(TICK_S * NS_PER_S) * np.arange(len(s))
     met = {}
     for k, stamp in enumerate(stamps):
-        for o in emergency.obstacles_at(int(stamp)).items:
+        for key, o in emergency.discs_at(int(stamp)).items():
             s_o, n_o = (float(value) for value in emergency.course.project(o.X, o.Y))
             if abs(s_o - s[k]) < o.r_obs + REACH_M:
-                met.setdefault(o.id, []).append((float(s[k]), s_o, n_o - o.r_obs, n_o + o.r_obs))
+                met.setdefault(key, []).append((float(s[k]), s_o, n_o - o.r_obs, n_o + o.r_obs))
     blocks = []
     for rows in met.values():
         car, own, right, left = np.array(rows).T

@@ -209,7 +209,7 @@ def _judged_ticks(emergency: Emergency) -> int:
     last = 0
     for k in range(emergency.most_ticks):
         stamp = emergency.start_ns + round(k * TICK_S * NS_PER_S)
-        for o in emergency.obstacles_at(stamp).items:
+        for o in emergency.discs_at(stamp).values():
             if abs(float(course.project(o.X, o.Y)[0]) - s0 - speed * k * TICK_S) < o.r_obs + 8.0:
                 last = k
     return min(emergency.most_ticks, max(last + round(AFTER_S / TICK_S), round(3.0 / TICK_S)))

@@ -60,7 +60,8 @@ def measured_obstacles(
     seen = []
     for o in truth.items:
         # a state that is not finite hides nothing
-        if range_m and math.hypot(o.X - car.X, o.Y - car.Y) - o.r_obs > range_m:
+        nearest = min(math.hypot(d.X - car.X, d.Y - car.Y) for d in o.discs()) - o.r_obs
+        if range_m and nearest > range_m:
             continue
         if params.obstacle_dropout:
             period_ns = round((params.obstacle_dropout_s or DROPOUT_S) * NS_PER_S)

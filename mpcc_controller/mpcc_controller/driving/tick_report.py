@@ -95,12 +95,10 @@ class TickReporter:
         if record.resumed:
             values[RESUMED] = True
         # obstacles that the problem has no room for
-        known = record.scene.obstacles.items if record.scene.obstacles else ()
-        beyond = len(known) - self._parts.params.surroundings.max_obstacles
-        if beyond > 0 and record.attempt:
-            beyond = _left_out(known, record.attempt.problem.parameters)
-        if beyond > 0:
-            values[LEFT_OUT] = beyond
+        if record.attempt is not None:
+            placed = record.attempt.problem.parameters
+            missing = stage_parameters.left_out(record.scene.obstacles, placed)
+            values |= {LEFT_OUT: missing} if missing else {}
         values['time.lead_ms'] = 1e3 * ns_to_s(record.effective_ns - inputs.state.stamp_ns)
         if inputs.publish_s is not None:
             values['time.publish_ms'] = 1e3 * inputs.publish_s
@@ -132,12 +130,6 @@ class TickReporter:
                 line = ' '.join(f'{X:.2f},{Y:.2f}' for X, Y in points)
                 values[f'candidates.{number}.line'] = line
         return values
-
-
-def _left_out(known: Sequence[PredictedObstacle], placed: StageParameters) -> int:
-    """Return how many obstacles are in the problem at no stage."""
-    inside = {placed.obstacles[k].id for k in np.unique(placed.places)}
-    return len({o.id for o in known} - inside)
 
 
 def _solutions(attempt: Attempt) -> dict:

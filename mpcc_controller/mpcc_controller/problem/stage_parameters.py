@@ -3,6 +3,7 @@
 Shared by all formulations. The names of the YAML files end here; SI units and symbols from here on.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -150,6 +151,23 @@ def by_object(parameters: StageParameters, v2o: Sequence[Any], priority: Sequenc
         D = np.where(held == key, np.array(v2o[:count]), np.inf)
         q = np.where(held == key, np.array(priority[:count]), 0.0)
         yield key, np.min(D, axis=0), np.max(q, axis=0)
+
+
+def left_out(obstacles: Obstacles, parameters: StageParameters) -> str:
+    """Return the ids of obstacles of which not all discs are in the problem, as words, or ''.
+
+    Where the places change from stage to stage those that are in it at no stage.
+    """
+    chosen, places = parameters.obstacles, parameters.places
+    inside = [chosen[k].id for k in np.unique(places)]
+    changes = bool(np.any(places != places[:, :1]))
+    missing: dict[str, list[str]] = {'wholly': [], 'in part': []}
+    for key, count in Counter(o.id for o in obstacles.items).items():
+        if key not in inside:
+            missing['wholly'].append(str(key))
+        elif not changes and count > inside.count(key):
+            missing['in part'].append(str(key))
+    return ', '.join(f'{", ".join(ids)} {kind}' for kind, ids in missing.items() if ids)
 
 
 def to_matrix(

@@ -211,13 +211,17 @@ def test_the_report_is_complete_agrees_with_the_solver_and_conforms_to_the_contr
     assert start == pytest.approx((40.0, 0.3, 0.05), abs=1e-9)
 
 
-def test_obstacles_without_room_in_the_problem_are_counted(controller, world):
+def test_obstacles_without_room_in_the_problem_are_named(controller, world):
     situation = world.lane_change()
     near, *_ = situation.obstacles.items
-    row = tuple(near._replace(id=k, X=90.0 + 5.0 * k, Y=-8.0) for k in range(2, 8))
-    controller.set_obstacles(situation.obstacles._replace(items=(near, *row)))
+    # of the problem's four discs the near one takes one, the truck as many as come closest
+    truck = near._replace(id=5, X=90.0, Y=-8.0, others=tuple((3.0 * k, 0.0) for k in range(1, 6)))
+    far = truck._replace(id=2, X=150.0)
+    controller.set_obstacles(situation.obstacles._replace(items=(near, far, truck)))
     *_, why = world.tick(controller, world.rolling(X=40.0, stamp_ns=TICK))
-    assert why.values['obstacles.left_out'] == 7 - controller.params.surroundings.max_obstacles
+    assert why.values['obstacles.left_out'] == '2 wholly, 5 in part'
+    solved = controller.memory.solved.problem.parameters.obstacles
+    assert [disc.id for disc in solved] == [near.id, 5, 5, 5]
     assert not conformance.check('/controller/why', encode.why(why))
     controller.set_obstacles(situation.obstacles)
     *_, why = world.tick(controller, world.rolling(X=41.0, stamp_ns=2 * TICK))

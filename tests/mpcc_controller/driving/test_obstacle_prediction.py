@@ -71,8 +71,8 @@ def test_a_braking_obstacle_moves_as_its_speed_integrates_and_then_stands(brakin
     ('start', 'accuracy'),
     [
         (PredictedObstacle(*CAR, braking=4.0), 1e-6),
-        (PredictedObstacle(1, 0.0, 0.0, 1.0, 10.0, 0.0, 0.0, CIRCLE), 0.3),
-        (PredictedObstacle(1, 0.0, 0.0, 1.0, 10.0, 0.0, 4.0, CIRCLE), 0.3),
+        (PredictedObstacle(1, 0.0, 0.0, 1.0, 10.0, 0.0, line=CIRCLE), 0.3),
+        (PredictedObstacle(1, 0.0, 0.0, 1.0, 10.0, 0.0, braking=4.0, line=CIRCLE), 0.3),
     ],
     ids=['braking', 'on a circle', 'braking on a circle'],
 )
