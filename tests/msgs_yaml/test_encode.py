@@ -93,6 +93,10 @@ def test_every_example_is_of_a_topic_and_holds_what_its_comment_says():
     assert (path.X.tolist(), path.t.tolist()) == ([0.0, 10.0, 20.0], [0.0, 0.5, 1.0])
     seen = decode.obstacles(load_example('/scenario/obstacles')).items
     assert seen == (Obstacle(1, 50.0, 0.5, 0.5, 0.0, 0.0), Obstacle(2, 90.0, 2.0, 0.8, -5.0, 0.0))
+    (keeps, turns) = decode.predictions(load_example('/scenario/predictions')).by_id[2]
+    assert (keeps.probability, turns.probability) == (0.75, 0.25)
+    assert (turns.t.tolist(), turns.X.tolist(), turns.Y.tolist()) == ([0, 2], [90, 80], [2, 0])
+    assert turns.covariance[1].tolist() == [[0.25, 0.0], [0.0, 0.25]]
     assert decode.clock(load_example('/clock')) == 1_050_000_000
     assert decode.why(load_example('/controller/why')).values['solver.iterations'] == 7
 
