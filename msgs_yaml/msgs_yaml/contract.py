@@ -44,7 +44,22 @@ DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 POINT_CLOUD = 'sensor_msgs/msg/PointCloud2'
 JOINT_ARRAYS = ('position', 'velocity', 'effort')
-UNITS = ('m', 'm/s', 'm/s^2', 'rad', 'rad/s', 'N', 'N/s', 'N m', 's', 'ms', 'ns', '-', 'word', 'm^2')
+UNITS = (
+    'm',
+    'm/s',
+    'm/s^2',
+    'rad',
+    'rad/s',
+    'N',
+    'N/s',
+    'N m',
+    's',
+    'ms',
+    'ns',
+    '-',
+    'word',
+    'm^2',
+)
 WORD = 'word'
 ContractError = YamlError
 _TOPIC_NAME = re.compile(r'(/[a-z][a-z0-9_]*)+')

@@ -136,14 +136,16 @@ def predictions(msg: Any) -> types.Predictions:
         for bad, kind, reason in _prediction_faults(points, begins):
             numbers, first = np.unique(ids[bad], return_index=True)
             for number, row in zip(numbers.tolist(), np.flatnonzero(bad)[first]):
-                said = reason.format(**{name: column[row] for name, column in points.items()})
-                refused.setdefault(number, types.Refusal(kind, f'prediction {number}: {said}'))
+                text = reason.format(**{name: column[row] for name, column in points.items()})
+                refused.setdefault(number, types.Refusal(kind, f'prediction {number}: {text}'))
     XY = np.array([[points['var_x'], points['cov_xy']], [points['cov_xy'], points['var_y']]])
     by_id: dict[int, list[types.Branch]] = {}
     starts = np.flatnonzero(begins)
     for begin, end in zip(starts, [*starts[1:], len(ids)]):
         line = (points[name][begin:end] for name in ('t', 'x', 'y'))
-        branch = types.Branch(stamp_ns, float(p[begin]), *line, XY[:, :, begin:end].transpose(2, 0, 1))
+        branch = types.Branch(
+            stamp_ns, float(p[begin]), *line, XY[:, :, begin:end].transpose(2, 0, 1)
+        )
         by_id.setdefault(int(ids[begin]), []).append(branch)
     used = {number: tuple(b) for number, b in by_id.items() if number not in refused}
     return types.Predictions(stamp_ns, used, tuple(refused.values()))
@@ -250,8 +252,8 @@ def _prediction_faults(points, begins):
     for path, field in contract.load().topics[_PREDICTIONS].fields.items():
         name = path.removeprefix('data[').rstrip(']')
         bad = ~((field.low <= points[name]) & (points[name] <= field.high))
-        said = f'{name} ({field.symbol}) is {{{name}}}'
-        yield bad, 'field', f'{said}; allowed {field.low:g} to {field.high:g} {field.unit}'
+        value = f'{name} ({field.symbol}) is {{{name}}}'
+        yield bad, 'field', f'{value}; allowed {field.low:g} to {field.high:g} {field.unit}'
     p, t = points['probability'], points['t']
     late = ~begins & (np.diff(t, prepend=0.0) <= 0.0)
     yield late, 'times', 't is {t} s in branch {branch}; allowed above the t of the point before'

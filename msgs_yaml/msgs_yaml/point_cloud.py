@@ -10,11 +10,9 @@ import numpy as np
 U1, U4, F4, F8 = 2, 6, 7, 8  # sensor_msgs/PointField, datatype
 _KINDS = {U1: 'u1', U4: 'u4', F4: 'f4', F8: 'f8'}
 # as they are sent, and the other types that are read
-COLUMNS = {
-    **{'id': (U4,), 'branch': (U1,), 'probability': (F4, F8), 't': (F4, F8)},
-    **{'x': (F4, F8), 'y': (F4, F8), 'z': (F4, F8)},
-    **{'var_x': (F4, F8), 'cov_xy': (F4, F8), 'var_y': (F4, F8)},
-}
+COLUMNS = {'id': (U4,), 'branch': (U1,)} | dict.fromkeys(
+    ('probability', 't', 'x', 'y', 'z', 'var_x', 'cov_xy', 'var_y'), (F4, F8)
+)
 ROW = np.dtype([(name, f'<{_KINDS[kinds[0]]}') for name, kinds in COLUMNS.items()])
 
 

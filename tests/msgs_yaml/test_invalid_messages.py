@@ -344,8 +344,9 @@ LINE_AHEAD = Branch(
 
 
 def packed(change=None):
-    """Return the predictions of obstacles 3, 4 and 5 with some numbers of 4 changed, as a message."""
-    message = encode.predictions(Predictions(S, {k: (LINE_AHEAD, LINE_AHEAD) for k in (3, 4, 5)}))
+    """Return predictions of obstacles 3, 4 and 5 as a message, some numbers of 4 changed."""
+    by_id = dict.fromkeys((3, 4, 5), (LINE_AHEAD, LINE_AHEAD))
+    message = encode.predictions(Predictions(S, by_id))
     rows = np.frombuffer(bytes(message.data), point_cloud.ROW).copy()
     for (row, name), value in (change or {}).items():
         rows[name][4 + row] = value
@@ -357,7 +358,9 @@ def packed(change=None):
 @pytest.mark.parametrize('name', [n for n in point_cloud.ROW.names[2:] if n != 'z'])
 def test_every_number_of_a_prediction_has_its_range(name, bad):
     field, message = TOPICS[PREDICTIONS].fields[f'data[{name}]'], packed({(1, name): bad})
-    wanted = f'({field.symbol}) is {float(np.float32(bad))}; allowed {field.low:g} to {field.high:g}'
+    wanted = (
+        f'({field.symbol}) is {float(np.float32(bad))}; allowed {field.low:g} to {field.high:g}'
+    )
     told = [str(violation) for violation in conformance.check(PREDICTIONS, message)]
     assert f'{PREDICTIONS}: data[{name}] {wanted} {field.unit}' in told
     read = decode.predictions(message)
@@ -373,8 +376,16 @@ def test_every_number_of_a_prediction_has_its_range(name, bad):
         ({(0, 't'): 1.5}, 'times', 't is 1.0 s in branch 0; allowed above'),
         ({(3, 'probability'): 0.25}, 'probability', 'probability is 0.25; allowed one for a br'),
         ({(k, 'probability'): 0.7 for k in range(4)}, 'probability', 'more than 1 in sum; allowed'),
-        ({(2, 'cov_xy'): 1.5}, 'covariance', 'cov_xy is 1.5 m^2; allowed up to the root of 1.0 x 1'),
-        ({(2, 'var_x'): 0.0, (2, 'cov_xy'): 0.1}, 'covariance', 'allowed up to the root of 0.0 x 1'),
+        (
+            {(2, 'cov_xy'): 1.5},
+            'covariance',
+            'cov_xy is 1.5 m^2; allowed up to the root of 1.0 x 1',
+        ),
+        (
+            {(2, 'var_x'): 0.0, (2, 'cov_xy'): 0.1},
+            'covariance',
+            'allowed up to the root of 0.0 x 1',
+        ),
     ],
 )
 def test_a_prediction_that_breaks_the_contract_is_refused_alone(change, kind, reason):

@@ -84,7 +84,10 @@ PREDICTIONS = '/scenario/predictions'
 BRANCHES = st.lists(branches(), min_size=1, max_size=4).map(tuple)
 FORMS = {
     PREDICTIONS: st.builds(
-        types.Predictions, STAMP, st.dictionaries(st.integers(0, 2**31 - 1), BRANCHES, max_size=3)
+        types.Predictions,
+        STAMP,
+        st.dictionaries(st.integers(0, 2**31 - 1), BRANCHES, max_size=3),
+        st.just(()),
     ),
     '/vehicle/odometry': st.builds(
         types.VehicleState, STAMP, METRES, METRES, ANGLE, SPEED, SPEED, RATE

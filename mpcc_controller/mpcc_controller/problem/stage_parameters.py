@@ -3,6 +3,8 @@
 Shared by all formulations. The names of the YAML files end here; SI units and symbols from here on.
 """
 
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +33,8 @@ class Scene(NamedTuple):
     path: ReferencePath | None
     road: Road | None
     obstacles: Obstacles | None
+    # where obstacles will be, from who knows: hypotheses by id
+    predictions: Mapping[int, Sequence[Any]] = MappingProxyType({})
 
 
 class StageParameters(NamedTuple):
