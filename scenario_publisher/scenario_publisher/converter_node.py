@@ -80,23 +80,24 @@ def from_autoware(message: Any, overhang: float) -> tuple[Obstacles, Predictions
         whole = max(1.0, sum(path.confidence for path in paths))
         P = np.array([start.covariance[:2], start.covariance[6:8]])
         for path in paths:
-            XY = [turned(p, row[0]) + (p.position.x, p.position.y) for p in path.path]
+            centres = np.array([(pose.position.x, pose.position.y) for pose in path.path])
+            XY = centres + [turned(pose, row[0]) for pose in path.path]
             t = np.arange(len(XY)) * (path.time_step.sec + path.time_step.nanosec * 1e-9)
-            line = *np.array(XY).T, np.tile(P, (len(XY), 1, 1))
-            branch = Branch(stamp_ns, path.confidence / whole, t, *line)
+            P_n = np.tile(P, (len(XY), 1, 1))
+            branch = Branch(stamp_ns, path.confidence / whole, t, *XY.T, P_n)
             by_id[number] = (*by_id.get(number, ()), branch)
     return Obstacles(stamp_ns, tuple(items)), Predictions(stamp_ns, by_id)
 
 
-def from_derived(message: Any, overhang: float) -> tuple[Obstacles, None]:
-    """Return the obstacles of an ObjectArray; their velocities are in the frame of the message."""
-    items = []
+def from_derived(message: Any, overhang: float) -> tuple[Obstacles, Predictions]:
+    """Return the obstacles of an ObjectArray, with velocities in the map; none is predicted."""
+    stamp_ns, items = stamp_to_ns(message.header.stamp), []
     for item in message.objects:
         size, kind, v = item.shape.dimensions, item.shape.type, item.twist.linear
         round_ = np.zeros((1, 2)), size[RADIUS_AT.get(kind, 0)]
         body = cover(*size[:2], overhang) if kind == BOX else round_
         items.append(obstacle(int(item.id), item.pose, *body, (v.x, v.y)))
-    return Obstacles(stamp_to_ns(message.header.stamp), tuple(items)), None
+    return Obstacles(stamp_ns, tuple(items)), Predictions(stamp_ns, {})
 
 
 class ConverterNode(ManagedNode):
@@ -115,22 +116,20 @@ class ConverterNode(ManagedNode):
         except ModuleNotFoundError:
             apt = f'ros-jazzy-{package.replace("_", "-")}'
             raise ParameterError(f'type: {package} is not installed; apt install {apt}') from None
-        self.convert = {TYPES[0]: from_autoware, TYPES[1]: from_derived}[self.params.type]
+        self.convert = from_autoware if self.params.type == TYPES[0] else from_derived
         self.predictions_pub = ros.publisher(self, '/scenario/predictions')
         self.obstacles_pub = ros.publisher(self, '/scenario/obstacles')
         self.create_subscription(kind, self.params.topic, self.on_objects, 1)
 
     def on_objects(self, message):
         """Publish what the objects are in the contract."""
-        if not self.is_active:
-            return
         if message.header.frame_id != 'map':
             text = f'frame_id is {message.header.frame_id!r}; allowed map'
-            return self.get_logger().error(text, throttle_duration_sec=1.0)
-        obstacles, predictions = self.convert(message, self.params.overhang_m)
-        if predictions is not None:
+            self.get_logger().error(text, throttle_duration_sec=1.0)
+        elif self.is_active:
+            obstacles, predictions = self.convert(message, self.params.overhang_m)
             self.predictions_pub.publish(encode.predictions(predictions))
-        self.obstacles_pub.publish(encode.obstacles(obstacles))
+            self.obstacles_pub.publish(encode.obstacles(obstacles))
 
 
 def main():
