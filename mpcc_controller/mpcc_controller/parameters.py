@@ -16,6 +16,7 @@ PROJECTED, INTEGRATED = 'projected', 'integrated'  # values of model.theta
 CONVERGED, ONE_STEP = 'converged', 'one_step'  # of solver.mode
 FREE, FIXED = 'free', 'fixed'  # of formulation.brake_split
 FROZEN, REFRESHED = 'frozen', 'refreshed'  # of surroundings.arcs
+TRACKER, LIDAR, CAMERA = 'tracker', 'lidar', 'camera'  # of measurement_errors.preset
 
 
 class Model(Struct):
@@ -238,6 +239,15 @@ class MeasurementErrors(Struct):
     obstacle_noise_m: PositionNoise | None
     obstacle_dropout: Annotated[float, Range(0.0, 1.0, 'share of the time')] | None
     obstacle_dropout_s: Annotated[float, Range(0.01, 10.0, 's, each; left out: 0.05')] | None
+    obstacle_velocity_noise_mps: SpeedNoise | None
+    # their positions are so old, which the message does not tell
+    obstacle_latency_s: Annotated[float, Range(0.0, 1.0, 's')] | None
+    # with something that is not there, for 0.3 s each
+    obstacle_ghosts: Annotated[float, Range(0.0, 1.0, 'share of the time')] | None
+    # with the ids of two exchanged, for 0.5 s each
+    obstacle_swaps: Annotated[float, Range(0.0, 1.0, 'share of the time')] | None
+    # the errors of obstacles that are left out are those of such a source
+    preset: Annotated[str, Choice(TRACKER, LIDAR, CAMERA)] | None
 
 
 class Ages(Struct):
