@@ -88,8 +88,8 @@ def test_a_car_of_autoware_becomes_one_object_whose_discs_turn_with_it():
     row, radius = cover(4.5, 1.8, 0.3)
     assert (car.id, obstacles.stamp_ns, predictions.by_id) == (0x40000004, 7 * S + 5, {})
     assert (car.vX, car.vY, car.r_obs) == pytest.approx((-1.0, 10.0, radius))
-    discs = np.array([(0.0, 0.0), *car.others]) + (car.X, car.Y)
-    assert discs == pytest.approx(np.column_stack([30 - row[:, 1], -2 + row[:, 0]]))
+    discs = [(car.X + x, car.Y + y) for x, y in ((0.0, 0.0), *car.others)]
+    assert np.allclose(discs, np.column_stack([30 - row[:, 1], -2 + row[:, 0]]))
 
 
 def test_predicted_paths_are_those_of_the_first_disc_and_confidences_come_to_one_at_most():
@@ -104,8 +104,8 @@ def test_predicted_paths_are_those_of_the_first_disc_and_confidences_come_to_one
     assert abs(first) > 0.5
     assert (straight.probability, left.probability) == pytest.approx((0.6, 0.4))
     assert straight.t.tolist() == [0.0, 0.5, 1.0]
-    assert straight.X == pytest.approx([first, 2 + first, 4 + first])
-    assert (left.X, left.Y) == (pytest.approx([0, 1, 2, 3]), pytest.approx(first + np.arange(4)))
+    assert pytest.approx([first, 2 + first, 4 + first]) == straight.X
+    assert (pytest.approx([0, 1, 2, 3]), pytest.approx(first + np.arange(4))) == (left.X, left.Y)
     assert straight.covariance[2].tolist() == [[0.5, 0.1], [0.1, 0.3]]
     received = decode.predictions(encode.predictions(predictions))
     assert (received.refused, [*received.by_id]) == ((), [truck.id])

@@ -123,7 +123,7 @@ def test_the_exact_prediction_is_where_the_obstacles_then_are(t):
         gone = [t + ahead for ahead in (*branch.t, branch.t[-1] + 0.125)]
         there = [{o.id: o for o in scenario.obstacles_at(scn, then, 1).items} for then in gone]
         for now, X, Y in zip(there, branch.X, branch.Y):
-            assert (X, Y) == pytest.approx((now[number].X, now[number].Y), abs=1e-4)
+            assert pytest.approx((now[number].X, now[number].Y), abs=1e-4) == (X, Y)
         assert branch.t[-1] == 5.0 or number not in there[-1]  # until it disappears
 
 
