@@ -28,8 +28,8 @@ from unique_identifier_msgs.msg import UUID
 
 from msgs_yaml import conversions, decode, encode
 from node_runtime.spin_node import EXIT_CONFIGURATION
-from scenario_publisher import converter_node
-from scenario_publisher.converter_node import cover, from_autoware, from_derived
+from scenario_publisher import perceived_objects
+from scenario_publisher.perceived_objects import cover, from_autoware, from_derived
 
 S = 1_000_000_000
 HEADER = Header(stamp=Time(sec=7, nanosec=5), frame_id='map')
@@ -73,7 +73,7 @@ def test_the_discs_cover_the_box_and_hardly_stick_out_and_fewer_would_not_do(len
     assert np.max(nearest) <= radius + 1e-9
     count, (across, along) = len(row), sorted((length, width))
     assert np.hypot(*row[0]) == np.min(np.hypot(*row.T))
-    if count < converter_node.MOST_DISCS:
+    if count < perceived_objects.MOST_DISCS:
         assert radius <= across / 2 + over + 1e-9
     if count > 1:  # one disc fewer, each with a longer part of the box
         assert np.hypot(along / (count - 1), across) / 2 > across / 2 + over - 1e-9
@@ -142,7 +142,7 @@ def test_objects_of_carla_have_velocities_in_the_map_and_no_predictions():
 
 
 @pytest.mark.usefixtures('domain')
-@pytest.mark.parametrize('kind', converter_node.TYPES)
+@pytest.mark.parametrize('kind', perceived_objects.TYPES)
 def test_without_the_package_the_node_names_what_is_to_be_installed(kind):
     command = [sys.executable, '-m', 'scenario_publisher.converter_node', '--ros-args']
     done = subprocess.run(
