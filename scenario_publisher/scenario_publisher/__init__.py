@@ -4,7 +4,7 @@ Use:
     scenario          load a scenario by name or file; obstacles at an instant
     timeline          messages of a scenario under a stamp, and their rates
     scenario_node     the ROS node
-    converter_node    objects of other programs as obstacles and predictions
+    converter_node    the ROS node of perceived_objects: those of other programs, converted
 From file to scenario:
     schema            every key of the file with its range and unit
     lines             straights, arcs, clothoids, lane changes, splines; sampled lines

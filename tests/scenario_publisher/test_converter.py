@@ -28,8 +28,8 @@ from unique_identifier_msgs.msg import UUID
 
 from msgs_yaml import conversions, decode, encode
 from node_runtime.spin_node import EXIT_CONFIGURATION
-from scenario_publisher import converter_node
-from scenario_publisher.converter_node import cover, from_autoware, from_derived
+from scenario_publisher import perceived_objects
+from scenario_publisher.perceived_objects import cover, from_autoware, from_derived
 
 S = 1_000_000_000
 HEADER = Header(stamp=Time(sec=7, nanosec=5), frame_id='map')
@@ -73,7 +73,7 @@ def test_the_discs_cover_the_box_and_hardly_stick_out_and_fewer_would_not_do(len
     assert np.max(nearest) <= radius + 1e-9
     count, (across, along) = len(row), sorted((length, width))
     assert np.hypot(*row[0]) == np.min(np.hypot(*row.T))
-    if count < converter_node.MOST_DISCS:
+    if count < perceived_objects.MOST_DISCS:
         assert radius <= across / 2 + over + 1e-9
     if count > 1:  # one disc fewer, each with a longer part of the box
         assert np.hypot(along / (count - 1), across) / 2 > across / 2 + over - 1e-9
@@ -88,8 +88,8 @@ def test_a_car_of_autoware_becomes_one_object_whose_discs_turn_with_it():
     row, radius = cover(4.5, 1.8, 0.3)
     assert (car.id, obstacles.stamp_ns, predictions.by_id) == (0x40000004, 7 * S + 5, {})
     assert (car.vX, car.vY, car.r_obs) == pytest.approx((-1.0, 10.0, radius))
-    discs = np.array([(0.0, 0.0), *car.others]) + (car.X, car.Y)
-    assert discs == pytest.approx(np.column_stack([30 - row[:, 1], -2 + row[:, 0]]))
+    discs = [(car.X + x, car.Y + y) for x, y in ((0.0, 0.0), *car.others)]
+    assert np.allclose(discs, np.column_stack([30 - row[:, 1], -2 + row[:, 0]]))
 
 
 def test_predicted_paths_are_those_of_the_first_disc_and_confidences_come_to_one_at_most():
@@ -104,8 +104,8 @@ def test_predicted_paths_are_those_of_the_first_disc_and_confidences_come_to_one
     assert abs(first) > 0.5
     assert (straight.probability, left.probability) == pytest.approx((0.6, 0.4))
     assert straight.t.tolist() == [0.0, 0.5, 1.0]
-    assert straight.X == pytest.approx([first, 2 + first, 4 + first])
-    assert (left.X, left.Y) == (pytest.approx([0, 1, 2, 3]), pytest.approx(first + np.arange(4)))
+    assert pytest.approx([first, 2 + first, 4 + first]) == straight.X
+    assert (pytest.approx([0, 1, 2, 3]), pytest.approx(first + np.arange(4))) == (left.X, left.Y)
     assert straight.covariance[2].tolist() == [[0.5, 0.1], [0.1, 0.3]]
     received = decode.predictions(encode.predictions(predictions))
     assert (received.refused, [*received.by_id]) == ((), [truck.id])
@@ -142,7 +142,7 @@ def test_objects_of_carla_have_velocities_in_the_map_and_no_predictions():
 
 
 @pytest.mark.usefixtures('domain')
-@pytest.mark.parametrize('kind', converter_node.TYPES)
+@pytest.mark.parametrize('kind', perceived_objects.TYPES)
 def test_without_the_package_the_node_names_what_is_to_be_installed(kind):
     command = [sys.executable, '-m', 'scenario_publisher.converter_node', '--ros-args']
     done = subprocess.run(
