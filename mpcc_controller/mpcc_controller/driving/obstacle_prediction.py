@@ -140,7 +140,7 @@ def _predict(
         own = 1.0 - sum(branch.probability for branch in given)
         hypotheses = [(branch.probability, branch) for branch in given]
         if own > params.tracker.contact or not given:
-            hypotheses += [(own * h.probability, h) for h in _hypotheses(o, track, road)]
+            hypotheses += [(own * h.probability, h) for h in _hypotheses(track, road.of.get(o.id))]
         hypotheses.sort(key=lambda pair: -pair[0])
         discs: list[PredictedObstacle] = []
         for probability, how in hypotheses:
@@ -219,8 +219,8 @@ class _Road:
         return arc.Pose(*(np.interp(s, self.station, axis) for axis in self.centre))
 
 
-def _hypotheses(o: Obstacle, track: Track, road: _Road) -> list[Hypothesis]:
-    """Return how an obstacle may go on, with probabilities."""
+def _hypotheses(track: Track, on_road: OnRoad | None) -> list[Hypothesis]:
+    """Return how an obstacle may go on, with probabilities; None: it does not follow the road."""
     (_, v, a), P = track.mean, track.covariance
     speed = math.hypot(*v)
     if not 0.0 < speed < math.inf:
@@ -240,15 +240,15 @@ def _hypotheses(o: Obstacle, track: Track, road: _Road) -> list[Hypothesis]:
     brakes /= brakes + (1 - BRAKES) * _density(a_t, 0.0, kept)
     # kind -> weight, lateral acceleration that it claims
     wide = var + TURNS_MPS2**2
-    off = 1 - FOLLOWS if o.id in road.of else 1.0
+    off = 1 - FOLLOWS if on_road else 1.0
     on, turns = (1 - TURNS) * _density(a_n, 0.0, kept), TURNS * _density(a_n, 0.0, wide)
     turned, ended = a_n * TURNS_MPS2**2 / wide, ENDS * turns
     sides = {
         STRAIGHT: (off * (on + ended), ended / (on + ended) * turned),
         TURN: (off * (turns - ended), turned),
     }
-    if o.id in road.of:
-        lateral = speed**2 * road.of[o.id].kappa
+    if on_road:
+        lateral = speed**2 * on_road.kappa
         sides[LANE] = FOLLOWS * _density(a_n, lateral, kept), lateral
     whole = sum(weight for weight, _ in sides.values())
     hypotheses = [Hypothesis(STILL, 0.0, 0.0, stands)]
