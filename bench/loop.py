@@ -3,8 +3,8 @@
     .venv/bin/python bench/loop.py [--repeats N] [--scaling] [--ring] [--out bench/loop.md]
 
 Nothing else should run. Without options it times drives of `SCENARIO` in process; --scaling adds
-how a tick grows with the length of the path, --ring a recorded drive of the node graph in lockstep.
-Writes a page.
+how a tick grows with the length of the path and the number of obstacles, --ring a recorded drive of
+the node graph in lockstep. Writes a page.
 """
 
 import argparse
@@ -16,21 +16,26 @@ import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from itertools import islice
 from pathlib import Path
 
 import closed_loops
 import machine
 import numpy as np
 import pandas as pd
+import yaml
 from tables import markdown, number
 
 from bags.evaluation import bag_summary
 from bags.storage import read
 from experiments import simulation
+from experiments.families import scenario_document
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.records import TickInputs, TickRecord
 from msgs_yaml import conversions
 from msgs_yaml.types import Obstacle, Obstacles, Reference, RoadEdges, VehicleState
+from scenario_publisher import scenario
+from scenario_publisher.scenario import Scenario
 
 SCENARIO = 'double_lane_change'
 CONTROLLERS = ('mpcc', 'mpcc_no_ca', 'frenet')
@@ -48,6 +53,10 @@ KINDS = {
 }
 QUANTILES = {'median': 0.5, 'p99': 0.99, 'max': 1.0}
 SPEED_MPS, HALF_WIDTH_M, START_NS = 15.0, 5.0, 10**9
+OBSTACLES = (1, 5, 10, 20, 50)
+LORRY_DISCS = tuple(2.1 * k for k in range(8))  # m
+TURN_M, TURN_RADIUS_M, TURNS, SPACING_M = 60.0, 80.0, 8, 20.0
+CROWD_TICKS = 300
 
 
 def answered(controller: Controller, record: TickRecord) -> tuple[float, ...]:
@@ -163,6 +172,46 @@ def measure_lengths() -> str:
     return markdown('A tick by the length of the path, medians', columns, rows)
 
 
+def crowded(count: int, discs_m: tuple[float, ...]) -> Scenario:
+    """Return a winding road with one slower vehicle ahead, the others in turn coming or parked."""
+    lane, lengths = scenario_document.LANE, TURNS * TURN_M
+    look = {'radius_m': scenario_document.CAR_RADIUS, 'discs_m': discs_m, 'motion': 'along_road'}
+    places = [{'station_m': 40.0, 'offset_m': 0.0, 'along_mps': 0.7 * SPEED_MPS}]
+    for k in range(1, count):
+        station_m = 30.0 + SPACING_M * k / 2
+        comes, parks = {'offset_m': lane, 'along_mps': -SPEED_MPS}, {'offset_m': -lane}
+        places.append({'station_m': station_m, **(comes if k % 2 else parks)})
+    turns = (scenario_document.arc(TURN_M, (-1) ** k / TURN_RADIUS_M) for k in range(TURNS))
+    parts = scenario_document.document(
+        description=f'{count} obstacles of {len(discs_m)} discs on a winding road.',
+        length=lengths + 200.0,
+        speed=SPEED_MPS,
+        segments=[*turns, scenario_document.straight(200.0)],
+        obstacles=[{**look, **place} for place in places],
+    )
+    return scenario.parse(yaml.safe_dump(parts), 'crowded.yaml')
+
+
+def measure_obstacles() -> str:
+    """Return the table of tick times by the number of obstacles, of one and of several discs."""
+    rows = []
+    params = closed_loops.controller_params('mpcc_road')
+    for discs_m in ((0.0,), LORRY_DISCS):
+        for count in OBSTACLES:
+            scn, times = crowded(count, discs_m), []
+            controller = closed_loops.make_controller(params, scn.friction)
+            for record in islice(closed_loops.drive(scn, controller), CROWD_TICKS):
+                times.append(answered(controller, record))
+                controller.prepare()
+            ticks = tick_times(times)
+            found = [ticks.total.quantile(q) for q in QUANTILES.values()]
+            found += [ticks.outside.median(), ticks.explain.median()]
+            rows.append((len(discs_m), count, len(ticks), *map(number, found)))
+    columns = ('discs', 'obstacles', 'ticks', *(f'{q}_ms' for q in QUANTILES))
+    columns += ('outside_ms', 'explain_ms')
+    return markdown('A tick of mpcc_road by the number of obstacles', columns, rows)
+
+
 def measure_ring() -> str:
     """Return the table of the wall time of the node graph in lockstep, recorded."""
     with tempfile.TemporaryDirectory() as folder:
@@ -185,13 +234,13 @@ def main() -> None:
     """Measure, print the tables, write the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--repeats', type=int, default=10, help='drives per controller and kind')
-    parser.add_argument('--scaling', action='store_true', help='ticks by length of the path')
+    parser.add_argument('--scaling', action='store_true', help='ticks by path and obstacles')
     parser.add_argument('--ring', action='store_true', help='the node graph, too')
     parser.add_argument('--out', type=Path, default=Path(__file__).with_suffix('.md'))
     options = parser.parse_args()
     about = ', '.join(f'{key} {value}' for key, value in machine.named().items())
     tables = [*measure_drives(options.repeats), measure_parallel()]
-    tables += [measure_lengths()] if options.scaling else []
+    tables += [measure_lengths(), measure_obstacles()] if options.scaling else []
     tables += [measure_ring()] if options.ring else []
     print('\n'.join(tables))
     kinds = '; '.join(f'{kind}: {meaning}' for kind, meaning in KINDS.items())

@@ -128,10 +128,12 @@ def _obstacles(random, any_obstacles, path, at, state):
 
 def _placed(centres, radii, speeds):
     several = enumerate(zip(centres, radii, speeds), 1)
+    # every third one is an object of two discs
     return Obstacles(
         0,
         tuple(
-            Obstacle(number, *map(float, (*xy, radius, *v))) for number, (xy, radius, v) in several
+            Obstacle(number, *map(float, (*xy, radius, *v)), () if number % 3 else ((2.7, 0.5),))
+            for number, (xy, radius, v) in several
         ),
     )
 

@@ -159,5 +159,43 @@ def test_an_obstacle_appears_at_its_first_way_point_and_is_published_with_its_ve
     assert (len(X), X[-1]) == (101, 15.0)
 
 
+CAR, LORRY = (-1.35, 1.35), tuple(2.0 * k for k in range(8))
+
+
+def discs_at(block, t, centre=BEND):
+    """Return the places (n, 2) of the discs of an obstacle."""
+    o = actors.obstacle_at(place(block, centre), t)
+    assert o.id == 1
+    return np.array([(disc.X, disc.Y) for disc in o.discs()])
+
+
+@pytest.mark.parametrize('speed', [8.0, -8.0])
+@pytest.mark.parametrize('motion', ['along_road', 'waypoints'])
+def test_in_a_bend_every_disc_of_a_lorry_follows_the_road(speed, motion):
+    first, last = (60.0, 100.0)[:: 1 if speed > 0.0 else -1]
+    block = RoadObstacle(first, 2.0, 1.0, speed, motion=schema.ALONG_ROAD, discs_m=LORRY)
+    if motion == 'waypoints':
+        points = Waypoint(first, 2.0, abs(speed)), Waypoint(last, 2.0, abs(speed))
+        block = schema.WaypointObstacle(points, 1.0, discs_m=LORRY)
+    for t in (0.0, 2.5):
+        X, Y = discs_at(block, t).T
+        assert np.hypot(X, Y - 50.0) == pytest.approx(np.full(8, 48.0), abs=2e-3)
+        station = 50.0 * np.arctan2(X, 50.0 - Y)
+        driven = speed * t * 50.0 / 48.0
+        assert station == pytest.approx(first + driven + np.array(LORRY), abs=0.01)
+
+
+def test_who_goes_straight_on_is_a_rigid_body_along_its_course():
+    crossing = RoadObstacle(25.0 * np.pi, -3.0, 1.0, across_mps=2.0, discs_m=CAR)
+    # to -x at the top of the bend: from (53, 50)
+    assert discs_at(crossing, 2.0) == pytest.approx(np.array([(50.35, 50), (47.65, 50)]), abs=1e-3)
+    oblique = MapObstacle(1.0, 2.0, 1.0, 3.0, 4.0, discs_m=(0.0, 5.0))
+    assert discs_at(oblique, 1.0) == pytest.approx(np.array([(4.0, 6.0), (7.0, 10.0)]))
+    still = MapObstacle(1.0, 2.0, 1.0, discs_m=CAR)
+    assert discs_at(still, 3.0) == pytest.approx(np.array([(-0.35, 2.0), (2.35, 2.0)]))
+    parked = discs_at(RoadObstacle(25.0 * np.pi, 0.0, 1.0, discs_m=CAR), 0.0)
+    assert np.hypot(*(parked - (0.0, 50.0)).T) == pytest.approx(np.full(2, 50.0), abs=1e-4)
+
+
 def seen_at(actor, t):
     return actors.obstacle_at(actor, t).X

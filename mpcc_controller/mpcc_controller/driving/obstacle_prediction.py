@@ -154,7 +154,7 @@ def _predict(
                 lines, sd = _given(o, track, how, t, stamp_ns)
             for X, Y in lines:
                 vX, vY = (float(axis[1] - axis[0]) / step_s for axis in (X, Y))
-                course = Course(t, X, Y, quantile * sd)
+                course = Course(step_s, X, Y, quantile * sd)
                 disc = o.id, float(X[0]), float(Y[0]), o.r_obs, vX, vY, (), course, 0.0, probability
                 discs.append(PredictedObstacle(*disc))
         predicted[o.id] = tuple(discs)
@@ -191,7 +191,7 @@ class _Road:
         X, Y = np.array([(d.X, d.Y) for o, _, _ in rows for d in o.discs()]).T
         near = reference_path.project(scene.path, car.X, car.Y, None, 0.0)
         place = frenet_frame.to_frenet(scene.path, X, Y, near)
-        margin = 2.0 * max(speed for _, speed, _ in rows) * reach_s
+        margin = 1.5 * max(speed for _, speed, _ in rows) * reach_s
         station = np.arange(np.min(place.s) - margin, np.max(place.s) + margin + STEP_M, STEP_M)
         arcs, _ = reference_path.arcs_at(scene.path, station)
         window = params.surroundings.edge_window_m
@@ -310,7 +310,7 @@ def _turned(offset: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 def _along_road(places, driven, on_road, road):
     """Return X and Y of the discs of an obstacle that keeps its angle to the road."""
-    along = np.linspace(0.0, 2.0 * driven[-1] + STEP_M, POINTS)
+    along = np.linspace(0.0, 1.5 * driven[-1] + STEP_M, POINTS)
     lane = road.at(on_road.s[:, None] + on_road.way * along)
     aside = on_road.offset[:, None] + on_road.way * math.tan(on_road.angle) * along
     X, Y, _ = frenet_frame.offset_left(lane, aside)

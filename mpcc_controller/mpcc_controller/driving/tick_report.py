@@ -114,7 +114,8 @@ class TickReporter:
         if attempt is None:
             here = State(*(np.array([value]) for value in record.x0))
             known = record.scene.obstacles
-            near = stage_parameters.closest_obstacles(params, known, here, np.zeros(1))
+            rows = stage_parameters.closest_discs(params, known, here)
+            near = [known.items[row] for row in rows]
             return distances_now(record.x0, record.scene, near, params)
         parameters, scene = attempt.problem.parameters, attempt.problem.scene
         values = distances_now(attempt.problem.x0, scene, parameters.obstacles, params)

@@ -18,7 +18,7 @@ STEP_S = 0.01  # over which the velocity on a course is taken
 class Course:
     """Where the centre of a disc will be, and by how much its radius grows meanwhile."""
 
-    t: np.ndarray  # (n,) s, increasing
+    step_s: float  # between two points; the first one is now
     X: np.ndarray  # (n,) m, map
     Y: np.ndarray  # (n,) m, map
     growth: np.ndarray  # (n,) m, may be negative
@@ -42,8 +42,7 @@ class PredictedObstacle(NamedTuple):
         """Return X and Y [m] `t` [s] from now; past its end a course stays where it is."""
         if self.course is None:
             return self.X + self.vX * t, self.Y + self.vY * t
-        at = self.since + t
-        return tuple(np.interp(at, self.course.t, axis) for axis in (self.course.X, self.course.Y))
+        return self._at(t, self.course.X), self._at(t, self.course.Y)
 
     def velocity(self, t: float) -> tuple[float, float]:
         """Return vX and vY [m/s] `t` [s] from now."""
@@ -56,13 +55,16 @@ class PredictedObstacle(NamedTuple):
         """Return the radius [m] in the problem `t` [s] from now: it grows with the doubt."""
         if self.course is None:
             return self.r_obs
-        growth = np.interp(self.since + t, self.course.t, self.course.growth)
-        return np.maximum(self.r_obs + growth, 0.0)
+        return np.maximum(self.r_obs + self._at(t, self.course.growth), 0.0)
 
     def moved(self, t: float) -> 'PredictedObstacle':
         """Return the obstacle as it will be `t` [s] from now."""
         (X, Y), (vX, vY) = self.position(t), self.velocity(t)
         return self._replace(X=X, Y=Y, vX=vX, vY=vY, since=self.since + t if self.course else 0.0)
+
+    def _at(self, t, values):
+        number = (self.since + t) / self.course.step_s
+        return np.interp(number, np.arange(len(values)), values)
 
 
 @lru_cache(maxsize=16)
@@ -73,7 +75,21 @@ def stages(obstacles: Sequence[PredictedObstacle], count: int, dt: float):
     """
     t = dt * np.arange(count)
     table = np.empty((3, len(obstacles), count))
+    by_form: dict[tuple[float, int], list[int]] = {}
     for row, o in enumerate(obstacles):
-        table[:2, row], table[2, row] = o.position(t), o.radius(t)
+        if o.course is None:
+            table[:2, row], table[2, row] = o.position(t), o.r_obs
+        else:
+            by_form.setdefault((o.course.step_s, len(o.course.X)), []).append(row)
+    for (step_s, points), rows in by_form.items():  # all at once: `position` and `radius`
+        courses = [obstacles[row].course for row in rows]
+        values = np.array([[c.X, c.Y, c.growth] for c in courses]).transpose(1, 0, 2)
+        since = np.array([[obstacles[row].since] for row in rows])
+        number = np.clip((since + t) / step_s, 0.0, points - 1)
+        before = np.minimum(number.astype(int), points - 2)
+        below, above = (np.take_along_axis(values, (before + k)[None], 2) for k in (0, 1))
+        table[:, rows] = below + (number - before) * (above - below)
+        table[2, rows] += [[obstacles[row].r_obs] for row in rows]
+    np.maximum(table[2], 0.0, out=table[2])
     table.flags.writeable = False
     return table

@@ -13,7 +13,6 @@ import numpy as np
 from mpcc_controller.model import stability
 from mpcc_controller.model.single_track import BLEND_FROM_MPS, Car, State
 from mpcc_controller.parameters import CarParams, ControllerParams
-from mpcc_controller.path import distance
 from mpcc_controller.path.distance import Disc
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.path.road_edges import Road
@@ -111,19 +110,30 @@ def obstacle_slots(params: ControllerParams, frame: DistanceFrame, scene: Scene,
     stage count, else those that come closest at any stage. Unused slots are filled with an obstacle
     far away.
     """
-    t, most = params.model.step_s * np.arange(len(x.X)), params.surroundings.max_obstacles
-    if len(scene.obstacles.items) > most and params.tracker.position_m is not None:
-        chosen = scene.obstacles.items
-        table = obstacle_motion.stages(chosen, len(t), params.model.step_s)
-        gaps = closest_gaps(x, table, params)
+    items, most, count = scene.obstacles.items, params.surroundings.max_obstacles, len(x.X)
+    table = obstacle_motion.stages(items, count, params.model.step_s)
+    if len(items) > most and params.tracker.position_m is not None:
+        chosen, gaps = items, closest_gaps(x, table, params)
         places = np.sort(np.argpartition(gaps, most - 1, axis=0)[:most], axis=0)
         discs = [Disc(*np.take_along_axis(table, row[None, None], 1)[:, 0]) for row in places]
     else:
-        chosen = closest_obstacles(params, scene.obstacles, x, t)
-        places = np.repeat(np.arange(len(chosen))[:, None], len(t), axis=1)
-        discs = [Disc(*o.position(t), o.radius(t)) for o in chosen]
+        rows = closest_discs(params, scene.obstacles, x)
+        chosen = tuple(items[row] for row in rows)
+        places = np.repeat(np.arange(len(rows))[:, None], count, axis=1)
+        discs = [Disc(*table[:, row]) for row in rows]
     slots = tuple(frame.obstacle(scene.path, disc, x) for disc in discs)
     return slots + (frame.empty_slot(x),) * (most - len(slots)), chosen, places
+
+
+def closest_discs(params: ControllerParams, obstacles: Obstacles, x: State) -> list[int]:
+    """Return which discs the states `x` of the stages come closest to, ordered by id."""
+    items, count = obstacles.items, params.surroundings.max_obstacles
+    rows = range(len(items))
+    if len(items) > count:
+        table = obstacle_motion.stages(items, len(x.X), params.model.step_s)
+        gaps = np.min(closest_gaps(x, table, params), axis=1)
+        rows = np.argsort(gaps, kind='stable')[:count].tolist()
+    return sorted(rows, key=lambda row: items[row].id)
 
 
 def closest_gaps(x: State, table: np.ndarray, params: ControllerParams) -> np.ndarray:
@@ -193,19 +203,3 @@ def to_matrix(
     for column, leaf in enumerate(varying, len(constants)):
         P[:, column] = leaf
     return StageParameters(stages, P, obstacles, places)
-
-
-def closest_obstacles(params, obstacles: Obstacles, x: State, t) -> tuple[PredictedObstacle, ...]:
-    """Return the obstacles that the states `x` at the times `t` come closest to, ordered by id."""
-
-    def smallest_distance(obstacle):
-        disc = Disc(*obstacle.position(t), obstacle.r_obs)
-        return min(
-            np.min(distance.v2o(distance.circle(x, offset, params.body.circle_radius_m), disc))
-            for offset in params.body.circle_offsets_m
-        )
-
-    count, closest = params.surroundings.max_obstacles, obstacles.items
-    if len(closest) > count:
-        closest = sorted(closest, key=smallest_distance)[:count]
-    return tuple(sorted(closest, key=lambda o: o.id))

@@ -12,9 +12,11 @@ from straight_drive import MS, START_NS, drive_of, obstacle, straight_scene
 
 from bags.errors import BagError
 from bags.evaluation import metrics
-from bags.evaluation.drive import Ticks
+from bags.evaluation.drive import Ticks, obstacle_tracks
 from bags.evaluation.metrics import driving
 from bags.evaluation.metrics.registry import EvaluatedDrive
+from bags.evaluation.series import obstacle_position
+from msgs_yaml import types
 
 TRACK = 1.6
 WHEELS = tuple((x, y) for x in (1.4, -1.4) for y in (TRACK / 2, -TRACK / 2))
@@ -550,3 +552,37 @@ def test_a_drive_longer_than_a_day_is_refused_before_it_fills_the_memory(part):
     stamp_ns[-1] = 1_700_000_000 * 10**9
     with pytest.raises(BagError, match=r'span 1699999999 s; allowed up to 86400 s'):
         metrics.compute_metrics(put(drive_of(), part, stamp_ns=stamp_ns))
+
+
+def test_an_object_of_several_discs_is_one_obstacle_as_near_as_the_nearest_of_them():
+    def judged(*discs):
+        return EvaluatedDrive(drive_of(scene=straight_scene(discs)))
+
+    far, close = obstacle(1, 40.0, 4.0), obstacle(1, 44.0, 2.5)._replace(disc=1)
+    both = judged(far, close)
+    assert both.value(metrics.outcome.min_v2o_per_obstacle_m) == {'1': near(2.5 - 1.0 - 1.1, 1e-6)}
+    assert list(both.series.outline_gaps) == [1]
+    alone = [judged(disc).series.outline_gaps[1] for disc in (far, close._replace(disc=0))]
+    assert np.array_equal(both.series.outline_gaps[1], np.minimum(*alone))
+
+
+def test_between_two_messages_a_lorry_turns():
+    t = np.arange(5) * 0.05
+    stamp_ns = START_NS + (t * 1e9).astype(np.int64)
+    turned = 0.5 * t
+    others = (((-6.0 * np.cos(a), -6.0 * np.sin(a)), (2.0, 0.0)) for a in turned)
+    messages = [
+        types.Obstacles(ns, (types.Obstacle(3, 10.0 * s, 1.0, 1.2, 10.0, 0.0, places),))
+        for ns, s, places in zip(stamp_ns.tolist(), t, others)
+    ]
+    messages[4] = messages[4]._replace(items=())
+    tracks = obstacle_tracks(stamp_ns, messages)
+    assert [(o.id, o.disc, o.radius) for o in tracks] == [(3, k, 1.2) for k in range(3)]
+    scene = straight_scene(tracks)._replace(obstacle_stamp_ns=stamp_ns)
+    asked = np.linspace(0.0, 0.149, 30)
+    x, y = obstacle_position(tracks[1], scene, START_NS + np.round(asked * 1e9).astype(np.int64))
+    assert x == near(10.0 * asked - 6.0 * np.cos(0.5 * asked), 2e-3)
+    assert y == near(1.0 - 6.0 * np.sin(0.5 * asked), 2e-3)
+    assert np.isnan(tracks[1].x[4])
+    assert np.isfinite(tracks[1].vx[:4]).all()
+    assert tracks[2].vx[:4] == near(10.0)

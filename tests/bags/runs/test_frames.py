@@ -67,6 +67,19 @@ def test_messages_of_one_stamp_are_all_in_the_frame(second, topic, rows):
     assert len(frames.frame_of(topic, repeated)) == 2 * rows
 
 
+def test_every_disc_of_an_obstacle_has_its_place_behind_the_first_one(second):
+    topic = '/scenario/obstacles'
+    table = second.table(topic)
+    (one, *rest) = table.values[0].items
+    several = table.values[0]._replace(items=(one._replace(others=((2.0, 0.5),)), *rest))
+    values = (several, *table.values[1:])
+    frame = frames.frame_of(topic, Columns(table.stamp_ns, table.t_s, values=values))
+    assert (frame['x_m.1.1'].iloc[0], frame['y_m.1.1'].iloc[0]) == (one.X + 2.0, one.Y + 0.5)
+    assert np.isnan(frame['x_m.1.1'].iloc[1])
+    columns = [name for name in frame if name.split('.')[1:2] == ['1']]
+    assert columns.index('x_m.1') < columns.index('x_m.1.1')
+
+
 def test_an_obstacle_is_not_a_number_while_it_is_absent(second):
     topic = '/scenario/obstacles'
     table = second.table(topic)

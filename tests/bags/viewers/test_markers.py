@@ -115,6 +115,14 @@ def test_areas_are_what_the_centre_of_a_circle_must_keep_out_of(drawn):
     assert right[:, 1] == pytest.approx(-3.0 + 1.1 + 0.4)
 
 
+def test_every_disc_of_an_obstacle_is_drawn_and_the_first_one_has_its_id():
+    car = Obstacle(7, 40.0, 1.0, 0.8, 0.0, 0.0, ((2.7, 0.5),))
+    result = draw(SCENE | {markers_node.OBSTACLES: Obstacles(S, (car,))})[markers_node.SAFETY]
+    first, second = find(result, 'collision')
+    assert first.id == 7 != second.id
+    assert (second.pose.position.x, second.pose.position.y) == (42.7, 1.5)
+
+
 def test_the_plan_is_coloured_by_its_speed(drawn):
     def colours(message):
         (horizon,) = find(message, 'horizon')

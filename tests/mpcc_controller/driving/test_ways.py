@@ -72,6 +72,20 @@ def all_guesses(scene, x0, car, params):
     return [(*way, guesses.along_profile(around, way[1], x0, car, params)) for way in combinations]
 
 
+def test_an_object_of_several_discs_is_passed_on_one_side_as_far_as_it_reaches(road, car, params):
+    lorry = [standing(4, X, Y) for X, Y in ((30.0, -1.0), (34.0, -1.0), (38.0, 0.5))]
+    scene, discs = road(*lorry), road(*(disc._replace(id=k) for k, disc in enumerate(lorry)))
+    around = ways.road_ahead(scene, start(), (), car, params)
+    apart = ways.road_ahead(discs, start(), (), car, params).hazards
+    (met,) = around.hazards
+    assert (met.enter, met.leave) == (min(h.enter for h in apart), max(h.leave for h in apart))
+    assert (met.lowest, met.highest) == (-1.0, 0.5)
+    sides = [sides for sides, _ in ways.side_combinations(around, start(), params)]
+    assert sides == [{4: LEFT}, {4: RIGHT}]
+    line = straight_line(50.0, 20.0, Y=3.0)
+    assert ways.passed_sides(line, scene, scene.obstacles.items, params) == {4: LEFT}
+
+
 @quick
 @given(
     v=st.floats(8.0, 30.0),
