@@ -293,8 +293,11 @@ def _expected(
         driven = speed * braked - how.braking * braked**2 / 2
     if how.kind == LANE:
         return _along_road(places, driven, road.of[o.id], road), sd
+    if how.kind == STRAIGHT:
+        moved = np.outer(v / speed, driven)
+        return [place[:, None] + moved for place in places], sd
     # on the arc of a constant yaw rate; the body turns with it
-    held = min(max(how.lateral, -HELD_MPS2), HELD_MPS2) if how.kind == TURN else 0.0
+    held = min(max(how.lateral, -HELD_MPS2), HELD_MPS2)
     turn = held / speed**2 * driven  # rad
     chord = driven * np.sinc(turn / (2 * np.pi))
     moved = _directions(v).T @ (chord * np.array([np.cos(turn / 2), np.sin(turn / 2)]))
