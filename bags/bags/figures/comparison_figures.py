@@ -57,10 +57,9 @@ def draw_trajectories(ax, runs: Sequence[EvaluatedDrive]) -> None:
             box = Polygon(_box(run, k), facecolor=(run.look.colour, 0.06), **look)
             box.set_linewidth(CAR_WIDTH * run.look.width)
             ax.add_patch(box)
-    moving = [o for o in scene.obstacles if np.nanmax(np.hypot(o.vx, o.vy)) > STILL_MPS]
     timed, facts = _shown(first)[::TIME_EVERY], first.drive.facts
     for obstacle in scene.obstacles:
-        if obstacle not in moving:
+        if not np.nanmax(np.hypot(obstacle.vx, obstacle.vy)) > STILL_MPS:
             for k in np.flatnonzero(np.isfinite(obstacle.x))[:1]:
                 _discs(ax, (obstacle.x[k], obstacle.y[k]), obstacle.radius, facts, 1.0)
             continue
