@@ -18,7 +18,8 @@ TIME_FACTOR = 2.2  # of the time limit over the time at the desired speed
 SPARE_S = 6.0  # of the time limit
 DIGITS = 4  # 0.1 mm; of a curvature 0.3 % in a bend of 30 m
 CAR_RADIUS = 1.05  # m, of the discs of a car
-CAR_DISCS = (-1.35, 1.35)  # m, their places along it: together 4.8 m long
+# m, places along it, the front first, which shows soonest where it turns: together 4.8 m long
+CAR_DISCS = (1.35, -1.35)
 
 Document = dict[str, Any]
 Block = dict[str, Any]
