@@ -272,7 +272,8 @@ def _prediction_faults(points, begins):
     total = np.bincount(obstacle, p * begins, minlength=1)[obstacle]
     above = total > 1.0 + 256 * _ROUNDING
     yield above, 'probability', 'its branches have more than 1 in sum; allowed 0 to 1'
-    var_x, var_y = (points[name] * (1.0 + _ROUNDING) for name in ('var_x', 'var_y'))
+    # a little more: one that is singular may not be so any more when it is rounded
+    var_x, var_y = (points[k] * (1.0 + _ROUNDING) + _ROUNDING**2 for k in ('var_x', 'var_y'))
     wide = points['cov_xy'] ** 2 > var_x * var_y
     allowed = 'allowed up to the root of {var_x} x {var_y} either way'
     yield wide, 'covariance', f'cov_xy is {{cov_xy}} m^2; {allowed}'
