@@ -57,10 +57,10 @@ def draw_trajectories(ax, runs: Sequence[EvaluatedDrive]) -> None:
             box = Polygon(_box(run, k), facecolor=(run.look.colour, 0.06), **look)
             box.set_linewidth(CAR_WIDTH * run.look.width)
             ax.add_patch(box)
-    moving = [np.nanmax(np.hypot(o.vx, o.vy)) > STILL_MPS for o in scene.obstacles]
+    moving = {o.id for o in scene.obstacles if np.nanmax(np.hypot(o.vx, o.vy)) > STILL_MPS}
     timed, facts = _shown(first)[::TIME_EVERY], first.drive.facts
-    for obstacle, moves in zip(scene.obstacles, moving):
-        if not moves:
+    for obstacle in scene.obstacles:
+        if obstacle.id not in moving:
             for k in np.flatnonzero(np.isfinite(obstacle.x))[:1]:
                 _discs(ax, (obstacle.x[k], obstacle.y[k]), obstacle.radius, facts, 1.0)
             continue
@@ -73,7 +73,7 @@ def draw_trajectories(ax, runs: Sequence[EvaluatedDrive]) -> None:
                     place = x, y - obstacle.radius
                     _time_label(ax, place, first.series.t[k], style.INK, 'top')
         ax.plot(obstacle.x, obstacle.y, color=style.EDGE, lw=0.8, zorder=2)
-    for k in timed if any(moving) else ():
+    for k in timed if moving else ():
         place = first.drive.motion.x[k], _box(first, k)[:, 1].max()
         _time_label(ax, place, first.series.t[k], first.look.colour, 'bottom')
     low, high = road_limits(runs)
@@ -84,7 +84,7 @@ def draw_trajectories(ax, runs: Sequence[EvaluatedDrive]) -> None:
     legend = ['lines: paths of the centre of gravity']
     if scene.obstacles:
         legend.append('ring: closer to the obstacle than the safety distance, which is penalised')
-    if any(moving):
+    if moving:
         legend.append('same number: same moment')
     note(ax, '; '.join(legend))
     ax.set_title(f'Vehicle trajectories{scale}')

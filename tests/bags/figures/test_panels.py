@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 from straight_drive import drive_of, obstacle, straight_scene
 
 from bags.figures import comparison_figures, panels, style
@@ -39,6 +40,18 @@ def test_a_figure_shows_every_run_in_its_own_colour_and_has_units(runs):
         assert {line.get_color() for line in axes.get_lines()} >= colours, name
         assert '[' in axes.get_xlabel()
         assert '[' in axes.get_ylabel()
+
+
+def test_of_an_object_of_several_discs_all_are_drawn_and_one_has_the_times():
+    front = obstacle(2, 20.0, 4.0, vx=5.0)
+    discs = (front, front._replace(x=front.x - 2.7, disc=1))
+    one, both = (
+        trajectories(evaluate_runs({'mpcc': drive_of(scene=straight_scene(scene))}))
+        for scene in ((front,), discs)
+    )
+    assert [text.get_text() for text in both.texts] == [text.get_text() for text in one.texts]
+    circles = [sum(isinstance(p, Circle) for p in axes.patches) for axes in (one, both)]
+    assert circles[1] == 2 * circles[0] > 0
 
 
 AREAS = ['within the safety distance', 'circles overlap']
