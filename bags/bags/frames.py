@@ -17,14 +17,14 @@ from bags.evaluation.signals import MEMBER, SIGNALS
 from bags.storage.columns import TOPICS, Columns
 from msgs_yaml import contract
 from msgs_yaml.flat_fields import HEADING
-from msgs_yaml.types import WHEELS
+from msgs_yaml.types import WHEELS, Branch
 
 if TYPE_CHECKING:
     import pandas as pd
 
 EXTRA = 'frames'
 INDEX = 't_s'
-OBSTACLES = '/scenario/obstacles'
+OBSTACLES, PREDICTIONS = '/scenario/obstacles', '/scenario/predictions'
 REPORT = 'values'  # of a report: one column per key
 
 
@@ -96,6 +96,15 @@ MEANINGS = {
         'vx_mps': Column('m/s', 'velocity along X in the frame map, by obstacle id'),
         'vy_mps': Column('m/s', 'velocity along Y in the frame map, by obstacle id'),
     },
+    PREDICTIONS: {
+        'probability': Column('-', 'of the branch'),
+        'ahead_s': Column('s', 'time of the point after the stamp'),
+        'x_m': Column('m', 'X of the first disc of the obstacle in the frame map'),
+        'y_m': Column('m', 'Y of the first disc of the obstacle in the frame map'),
+        'var_x_m2': Column('m²', 'variance of X'),
+        'cov_xy_m2': Column('m²', 'covariance of X and Y'),
+        'var_y_m2': Column('m²', 'variance of Y'),
+    },
     '/controller/prediction': {
         'ahead_s': Column('s', 'time of the stage after the stamp'),
         'x_m': Column('m', 'X of the centre of gravity in the frame map'),
@@ -122,6 +131,7 @@ MEANINGS = {
 LEVELS = {
     '/scenario/reference': ('point',),
     '/scenario/road_edges': ('edge', 'point'),
+    PREDICTIONS: ('id', 'branch', 'point'),
     '/controller/prediction': ('stage',),
 }
 # fields of poses by column
@@ -187,6 +197,16 @@ def _lines(topic, value):
         for side in ('left', 'right'):
             x, y = getattr(value, side).T
             yield {'edge': side, 'point': np.arange(len(x)), 'x_m': x, 'y_m': y}
+        return
+    if topic == PREDICTIONS:
+        branches = [(k, i, b) for k, several in value.by_id.items() for i, b in enumerate(several)]
+        none = np.empty(0)
+        nothing = Branch(0, 0.0, none, none, none, np.empty((0, 2, 2)))
+        for number, i, b in branches or [(0, 0, nothing)]:
+            levels = {'id': number, 'branch': i, 'point': np.arange(len(b.t))}
+            (var_x, cov_xy), (_, var_y) = b.covariance.transpose(1, 2, 0)
+            numbers = (b.probability, b.t, b.X, b.Y, var_x, cov_xy, var_y)
+            yield levels | dict(zip(MEANINGS[topic], numbers))
         return
     (level,) = LEVELS[topic]
     line = {level: np.arange(len(value.X))}

@@ -25,7 +25,7 @@ from experiments.configuration.inputs import KPH
 from experiments.families import draw as families
 from experiments.simulation import Setup
 from msgs_yaml import share
-from msgs_yaml.strict_yaml import closest
+from msgs_yaml.strict_yaml import Choice, Leaf, closest
 from node_runtime.parameters import SPEED
 from scenario_publisher import scenario, schema
 from scenario_publisher.scenario import Scenario
@@ -37,6 +37,7 @@ SCENARIO_FRICTION = 'scenario.friction'  # of the road; the controller assumes i
 SCENARIO_SETTINGS = {
     SCENARIO_SPEED: Annotated[float, SPEED],
     SCENARIO_FRICTION: schema.Friction,
+    'scenario.predictions': Annotated[str, Choice(*get_args(schema.Predictions))],
 }
 ROLES = ('controller', 'plant')
 ANY_ROAD = 'straight'  # where only parameters matter
@@ -60,8 +61,8 @@ class Row(NamedTuple):
 
     scenario: str  # a name, the path of a file, or FAMILY:INDEX, a draw of a family
     controller: str  # a name, or the path of a file
-    # NODE.parameter and its value; also scenario.speed_mps and scenario.friction. The last one of
-    # a name counts, and each wins over those of a draw
+    # NODE.parameter and its value, SCENARIO_SETTINGS too. The last one of a name counts, and each
+    # wins over those of a draw
     settings: Pairs = ()
     seed: int = 0  # of the draw of a family
     difficulty: str = families.NOMINAL  # likewise
@@ -147,24 +148,24 @@ def as_pairs(settings: Sequence[str]) -> Pairs:
 def check_scenario_setting(name: str, value: Any, source: str) -> None:
     """Refuse a value of SCENARIO_SETTINGS out of range; `source` is where it is from."""
     kind, rule = get_args(SCENARIO_SETTINGS[name])
-    fault = rule.fault(kind, value)
+    fault = Leaf(kind, False, rule).fault(value)
     if fault:
-        raise BagError(f'{source}: {fault} {value!r}; allowed {rule.allowed}')
+        raise BagError(f'{source}: {fault}')
 
 
 def split_settings(
     settings: Mapping[str, Any], source: str = 'settings'
-) -> tuple[dict[str, float], dict[str, dict[str, Any]]]:
+) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
     """Return what changes the scenario, and the parameters of the nodes by role.
 
     Raises BagError, which begins with `source`, for a name of no node.
     """
-    changes: dict[str, float] = {}
+    changes: dict[str, Any] = {}
     by_role: dict[str, dict[str, Any]] = {}
     for name, value in settings.items():
         role, _, parameter = name.partition('.')
         if name in SCENARIO_SETTINGS:
-            changes[parameter] = float(value)
+            changes[parameter] = value if isinstance(value, str) else float(value)
         elif role in ROLES and parameter:
             by_role.setdefault(role, {})[parameter] = value
         else:
@@ -202,17 +203,21 @@ def prepare(row: Row, any_car: bool = False, written: Callable[[str], str] = '{}
 
 
 def load_scenario(
-    row: Row, speed_mps: float | None = None, friction: float | None = None
+    row: Row,
+    speed_mps: float | None = None,
+    friction: float | None = None,
+    predictions: str | None = None,
 ) -> tuple[Scenario, Mapping[str, Mapping[str, Any]]]:
     """Return the scenario of a row, and the parameters that a draw sets besides, by role.
 
-    At another constant desired speed or friction where given. Raises BagError.
+    Changed as by `inputs.load_scenario` where given. Raises BagError.
     """
     if row.draw is None:
-        return inputs.load_scenario(row.scenario, speed_mps, friction), {}
+        return inputs.load_scenario(row.scenario, speed_mps, friction, predictions), {}
     draw = _draw(*row.draw[:4])
     try:
-        scn = inputs.change_scenario(draw.scenario(), draw.name, speed_mps, friction)
+        scn = draw.scenario()
+        scn = inputs.change_scenario(scn, draw.name, speed_mps, friction, predictions)
     except scenario.ScenarioError as error:
         raise BagError(str(error)) from None
     return scn, draw.settings

@@ -137,11 +137,15 @@ def run(
     )
     plant_side = LockstepStepper(car, RunEnd(inputs.stop_params(scn), car.now))
     controller = make_controller(setup, car)
-    tracks, obstacles, commands, plans, reports = [car.now], [], [], [], []
+    tracks, obstacles, predictions, commands, plans, reports = [car.now], [], [], [], [], []
     while True:
         t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S
-        obstacles.append(scenario.obstacles_at(scn, t, car.stamp_ns))
+        place = car.state.X, car.state.Y
+        obstacles.append(scenario.obstacles_at(scn, t, car.stamp_ns, place))
         controller.set_obstacles(obstacles[-1])
+        if scn.predicts:
+            predictions.append(scenario.predictions_at(scn, t, obstacles[-1]))
+            controller.set_predictions(predictions[-1])
         # as over ROS, the final state is still answered
         state = conversions.odometry_as_received(car.state)
         record = controller.step(TickInputs(state, actuators=car.actuators))
@@ -159,6 +163,8 @@ def run(
         '/scenario/obstacles': obstacles,
         '/controller/why': reports,
     }
+    if predictions:
+        values['/scenario/predictions'] = predictions
     if explain:
         received = [conversions.prediction_as_received(plan) for plan in plans]
         values['/controller/prediction'] = received

@@ -34,6 +34,7 @@ TOPICS = {
     OBSTACLES: '/scenario/obstacles',
     STATE: '/vehicle/odometry',
 }
+PREDICTIONS = '/scenario/predictions'
 ALONE_NS = NS_PER_S  # DDS makes publishers of one process known within milliseconds
 NO_TORQUES = (0.0, 0.0, 0.0, 0.0)
 # why messages are rejected: by form or range, by stamp, by content
@@ -72,15 +73,18 @@ class ControllerInputs:
             OBSTACLES: partial(self._use, OBSTACLES, self._read_obstacles, self._set_obstacles),
             STATE: self.on_odometry,
         }
+        topics = {TOPICS[name]: callback for name, callback in callbacks.items()}
+        topics[PREDICTIONS] = self.on_predictions
         subscriptions = {
-            TOPICS[name]: ros.subscribe(node, TOPICS[name], self._noting(callback), raw=True)
-            for name, callback in callbacks.items()
+            topic: ros.subscribe(node, topic, self._noting(callback), raw=True)
+            for topic, callback in topics.items()
         }
+        self._predictions_sub = subscriptions[PREDICTIONS]
         self.newest_actuators = LatestMessage(node, ACTUATORS)
         self._state_sub = subscriptions[TOPICS[STATE]]
         self.publishers = PublisherMonitor(node, subscriptions)
         self._slow_path = ChangeFilter()
-        logged = (*TOPICS.values(), ACTUATORS, f'object of {TOPICS[OBSTACLES]}')
+        logged = (*topics, ACTUATORS, f'object of {TOPICS[OBSTACLES]}', f'object of {PREDICTIONS}')
         self._refusals = {topic: RejectionLog(topic) for topic in logged}
 
     def on_odometry(self, raw: bytes) -> None:
@@ -98,6 +102,19 @@ class ControllerInputs:
         elif self._trigger.on_state(stamp_ns):
             self.state, self.received_ns = raw, time.time_ns()
             self._on_input()
+
+    def on_predictions(self, raw: bytes) -> None:
+        """Keep what others predict of the obstacles; a rejected message leaves the last one."""
+        try:
+            # in lockstep a state waits for it, whatever is wrong with it
+            self._trigger.predictions = decode.stamp_ns_of(raw)
+            predictions = subscriptions_node.read_predictions(raw)
+            for kind, reason in predictions.refused:
+                self._reject(f'object of {PREDICTIONS}', kind, reason)
+            self._controller.set_predictions(predictions)
+        except decode.DecodeError as error:
+            self._reject(PREDICTIONS, UNREADABLE, str(error))
+        self._on_input()
 
     def take_actuators(self) -> None:
         """Take the newest message of the actuators, for a (re)start or the state of a tick.
@@ -235,6 +252,8 @@ class ControllerInputs:
     def _set_obstacles(self, obstacles: Obstacles) -> str:
         self._controller.set_obstacles(obstacles)
         self._trigger.obstacles = obstacles.stamp_ns
+        # DDS makes the publishers of a node known in the order in which it made them
+        self._trigger.with_predictions = self._predictions_sub.get_publisher_count() > 0
         return ''
 
     def _use_new(self, name, decoder, setter, raw):

@@ -16,6 +16,7 @@ PROJECTED, INTEGRATED = 'projected', 'integrated'  # values of model.theta
 CONVERGED, ONE_STEP = 'converged', 'one_step'  # of solver.mode
 FREE, FIXED = 'free', 'fixed'  # of formulation.brake_split
 FROZEN, REFRESHED = 'frozen', 'refreshed'  # of surroundings.arcs
+TRACKER, LIDAR, CAMERA = 'tracker', 'lidar', 'camera'  # of measurement_errors.preset
 
 
 class Model(Struct):
@@ -112,8 +113,6 @@ class SafetyDistances(Struct):
     # between a circle of the car and an obstacle
     obstacle_m: Annotated[float, Range(1e-2, 10.0, 'm')]
     edge_m: Annotated[float, Range(1e-2, 10.0, 'm')]  # between a circle of the car and an edge
-    # left out: 0. Of obstacles that move, per time of the prediction
-    growth_mps: Annotated[float, Range(0.0, 2.0, 'm/s')] | None
     # whether edge_m is at most the room beside a car in the middle of the road (not of frenet);
     # left out: false
     fit_edges: bool | None
@@ -146,21 +145,30 @@ class Surroundings(Struct):
     # whether the centre of the track is beside the path where the road widens (not of frenet);
     # left out: false
     align_track: bool | None
-    # left out: obstacles keep their velocity
-    braking_window_s: (
-        Annotated[float, Range(0.05, 2.0, 's, at most, to observe how they brake')] | None
-    )
-    # left out: obstacles go straight on. Those that move along the road, or against it, follow it
+    # left out: none does. Tracked obstacles that move along the road, or against it, may follow it
     follow_road_rad: Annotated[float, Range(0.0, 1.0, 'rad, angle to the road, at most')] | None
     # of path, road edges and obstacles around each stage: those around the guess, or again around
     # the plan until it stays near them; left out: frozen
     arcs: Annotated[str, Choice(FROZEN, REFRESHED)] | None
-    # left out: 0. Of obstacles that vanish from the message
-    memory_s: Annotated[float, Range(0.0, 5.0, 's after an obstacle was last seen')] | None
     # left out: such a path is refused
     path_speed_mps: (
         Annotated[float, Range(1.0, 100.0, 'm/s, of a path whose poses have one stamp')] | None
     )
+
+
+class Tracker(Struct):
+    """How obstacles are tracked and predicted; left out: each keeps its velocity."""
+
+    # of what is received of an obstacle; left out: obstacles are not tracked, and the others may be
+    # left out, too
+    position_m: Annotated[float, Range(1e-3, 10.0, 'm, standard deviation per axis')] | None
+    velocity_mps: Annotated[float, Range(1e-3, 10.0, 'm/s, standard deviation per axis')] | None
+    jerk_mps3: (
+        Annotated[float, Range(0.1, 100.0, 'm/s^2, change of acceleration in 1 s, likely')] | None
+    )
+    missed: Annotated[float, Range(1e-6, 0.9, 'probability that a message lacks one')] | None
+    # every hypothesis above it counts, by a radius that leaves so much to all of them together
+    contact: Annotated[float, Range(1e-3, 0.5, 'probability of an obstacle beyond its disc')] | None
 
 
 class Solver(Struct):
@@ -231,6 +239,15 @@ class MeasurementErrors(Struct):
     obstacle_noise_m: PositionNoise | None
     obstacle_dropout: Annotated[float, Range(0.0, 1.0, 'share of the time')] | None
     obstacle_dropout_s: Annotated[float, Range(0.01, 10.0, 's, each; left out: 0.05')] | None
+    obstacle_velocity_noise_mps: SpeedNoise | None
+    # their positions are so old, which the message does not tell
+    obstacle_latency_s: Annotated[float, Range(0.0, 1.0, 's')] | None
+    # with something that is not there, for 0.3 s each
+    obstacle_ghosts: Annotated[float, Range(0.0, 1.0, 'share of the time')] | None
+    # with the ids of two exchanged, for 0.5 s each
+    obstacle_swaps: Annotated[float, Range(0.0, 1.0, 'share of the time')] | None
+    # the errors of obstacles that are left out are those of such a source
+    preset: Annotated[str, Choice(TRACKER, LIDAR, CAMERA)] | None
 
 
 class Ages(Struct):
@@ -300,6 +317,7 @@ class ControllerParams(Struct):
     safety: SafetyDistances
     limits: Limits
     surroundings: Surroundings
+    tracker: Tracker
     solver: Solver
     candidates: Candidates
     delay: Delay

@@ -10,6 +10,7 @@ Values and messages
     encode         value -> message
     flat_fields    values of fixed size: as flat numbers, and to and from serialised messages, fast
     raw_scenario   serialised path and road edges -> value, fast
+    point_cloud    the points of predictions, packed
     conversions    time stamps, headings, diagnostic values
 Files
     strict_yaml    YAML as typed values of a schema; errors name file, line and key

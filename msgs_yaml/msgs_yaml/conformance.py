@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from msgs_yaml import contract, conversions, field_paths
+from msgs_yaml import contract, conversions, field_paths, point_cloud
 from msgs_yaml.contract import JOINT_ARRAYS, WORD, Field
 
 UNIT_TOLERANCE = 1e-3  # of the squared length of a quaternion
@@ -102,9 +102,12 @@ class _Checks:
         self._path_of_key = path_of
 
     def _getter(self, path):
-        if not self._joints:
+        is_cloud = self._topic.type == contract.POINT_CLOUD
+        if not (self._joints or is_cloud):
             return field_paths.getter(path)
         (step,) = field_paths.parse(path)
+        if is_cloud:
+            return lambda message: point_cloud.read(message)[step.selector].tolist()
         index = self._joints.index(step.selector)
         return lambda message: (getattr(message, step.attribute)[index],)
 
@@ -125,6 +128,11 @@ class _Checks:
             length = len(getattr(message, array))
             if length != len(joints):
                 yield self._violation(array, f'{length} long', f'{len(joints)} elements')
+        if self._topic.type == contract.POINT_CLOUD:
+            try:
+                point_cloud.read(message)
+            except ValueError as error:
+                yield self._violation(*error.args)
 
     def headers(self, message) -> Iterator[Violation]:
         """Check frames and stamps; ROS reads a stamp of 0 as no time.

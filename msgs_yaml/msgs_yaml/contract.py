@@ -32,6 +32,7 @@ TYPES = (
     'rosgraph_msgs/msg/Clock',
     'sensor_msgs/msg/Imu',
     'sensor_msgs/msg/JointState',
+    'sensor_msgs/msg/PointCloud2',
     'visualization_msgs/msg/MarkerArray',
 )
 # of topics that follow from others or are those of ROS; tf2_msgs is not everywhere
@@ -41,8 +42,24 @@ DERIVED_TYPES = (
 )
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 JOINT_STATE = 'sensor_msgs/msg/JointState'
+POINT_CLOUD = 'sensor_msgs/msg/PointCloud2'
 JOINT_ARRAYS = ('position', 'velocity', 'effort')
-UNITS = ('m', 'm/s', 'm/s^2', 'rad', 'rad/s', 'N', 'N/s', 'N m', 's', 'ms', 'ns', '-', 'word')
+UNITS = (
+    'm',
+    'm/s',
+    'm/s^2',
+    'rad',
+    'rad/s',
+    'N',
+    'N/s',
+    'N m',
+    's',
+    'ms',
+    'ns',
+    '-',
+    'word',
+    'm^2',
+)
 WORD = 'word'
 ContractError = YamlError
 _TOPIC_NAME = re.compile(r'(/[a-z][a-z0-9_]*)+')
@@ -124,6 +141,8 @@ class _Topic(Struct):
                 continue
             if self.type == JOINT_STATE and (len(selectors) != 1 or selectors[0] in (None, '*')):
                 yield (part, path), 'a field of a JointState is written as position[name]'
+            if self.type == POINT_CLOUD and not re.fullmatch(r'data\[[a-z_]+\]', path):
+                yield (part, path), 'a field of a PointCloud2 is written as data[name]'
             if self.type == DIAGNOSTICS and (len(selectors) != 3 or None in selectors[:2]):
                 written = 'status[*].values[key].value'
                 yield (part, path), f'a field of a DiagnosticArray is written as {written}'

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from msgs_yaml.types import Prediction, Reference, VehicleState
+from msgs_yaml.types import Branch, Prediction, Predictions, Reference, VehicleState
 
 NS_PER_S = 1_000_000_000
 _BOOLEANS = {'True': True, 'False': False}
@@ -116,3 +116,14 @@ def reference_as_received(x: Reference | Prediction) -> Reference | Prediction:
 
 
 prediction_as_received = reference_as_received
+
+
+def predictions_as_received(x: Predictions) -> Predictions:
+    """Return decode.predictions(encode.predictions(x))."""
+
+    def received(branch):
+        numbers = (np.float32(field).astype(float) for field in branch[1:])
+        probability, *arrays = numbers
+        return Branch(x.stamp_ns, float(probability), *arrays)
+
+    return x._replace(by_id={k: tuple(map(received, v)) for k, v in sorted(x.by_id.items())})

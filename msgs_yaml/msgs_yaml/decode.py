@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from msgs_yaml import conformance, contract, conversions, flat_fields, types
+from msgs_yaml import conformance, contract, conversions, flat_fields, point_cloud, types
 
 _CDR_ORDERS = {b'\x00\x01': '<iI', b'\x00\x00': '>iI'}
 _STAMP_OFFSET = 4  # after the encapsulation header
@@ -24,6 +24,8 @@ _ADD, _DELETE, _DELETEALL = 0, 2, 3
 _EDGES = '/scenario/road_edges'
 _OBSTACLES = '/scenario/obstacles'
 _OBJECTS = {'obstacle': (_CYLINDER, _SPHERE_LIST), 'velocity': (_ARROW,)}
+_PREDICTIONS = '/scenario/predictions'
+_ROUNDING = 1e-6  # of a number of 32 bits, relative
 
 
 class DecodeError(ValueError):
@@ -116,6 +118,38 @@ def obstacles(msg: Any) -> types.Obstacles:
         raise DecodeError(f'{_OBSTACLES}: {refused[0].reason}')
     items = tuple(_obstacle(shape, arrows.get(number)) for number, shape in shapes.items())
     return types.Obstacles(stamp_ns, items, tuple(refused))
+
+
+def predictions(msg: Any) -> types.Predictions:
+    """Return the predictions of /scenario/predictions, by id, each with its branches in order.
+
+    The prediction of an obstacle that breaks the contract is refused, the others are used. Raises
+    DecodeError for another layout, frame or stamp.
+    """
+    _check(_PREDICTIONS, msg, conformance.check_form)
+    stamp_ns, points = conversions.stamp_to_ns(msg.header.stamp), point_cloud.read(msg)
+    order = np.lexsort((points['branch'], points['id']))  # stable: a branch keeps its points' order
+    points = {name: column[order] for name, column in points.items()}
+    ids, p = points['id'], points['probability']
+    begins = np.diff(ids * 256 + points['branch'], prepend=-1) != 0  # of a branch
+    refused: dict[int, types.Refusal] = {}
+    with np.errstate(over='ignore', invalid='ignore'):  # of numbers that are refused
+        for bad, kind, reason in _prediction_faults(points, begins):
+            numbers, first = np.unique(ids[bad], return_index=True)
+            for number, row in zip(numbers.tolist(), np.flatnonzero(bad)[first]):
+                text = reason.format(**{name: column[row] for name, column in points.items()})
+                refused.setdefault(number, types.Refusal(kind, f'prediction {number}: {text}'))
+    XY = np.array([[points['var_x'], points['cov_xy']], [points['cov_xy'], points['var_y']]])
+    by_id: dict[int, list[types.Branch]] = {}
+    starts = np.flatnonzero(begins)
+    for begin, end in zip(starts, [*starts[1:], len(ids)]):
+        line = (points[name][begin:end] for name in ('t', 'x', 'y'))
+        branch = types.Branch(
+            stamp_ns, float(p[begin]), *line, XY[:, :, begin:end].transpose(2, 0, 1)
+        )
+        by_id.setdefault(int(ids[begin]), []).append(branch)
+    used = {number: tuple(b) for number, b in by_id.items() if number not in refused}
+    return types.Predictions(stamp_ns, used, tuple(refused.values()))
 
 
 def why(msg: Any) -> types.Why:
@@ -217,6 +251,32 @@ def _fault(marker, used, stamp_ns, violations):
             turn = q.x, q.y, q.z, q.w
             return 'shape', f'its orientation is {turn}; allowed a turn about z'
     return '', ''
+
+
+def _prediction_faults(points, begins):
+    """Yield what may be wrong with sorted points: which rows (n,) are, a word, and the reason.
+
+    begins  (n,), whether a row is the first one of its branch
+    """
+    for path, field in contract.load().topics[_PREDICTIONS].fields.items():
+        name = path.removeprefix('data[').rstrip(']')
+        bad = ~((field.low <= points[name]) & (points[name] <= field.high))
+        value = f'{name} ({field.symbol}) is {{{name}}}'
+        yield bad, 'field', f'{value}; allowed {field.low:g} to {field.high:g} {field.unit}'
+    p, t = points['probability'], points['t']
+    late = ~begins & (np.diff(t, prepend=0.0) <= 0.0)
+    yield late, 'times', 't is {t} s in branch {branch}; allowed above the t of the point before'
+    other = ~begins & (np.diff(p, prepend=0.0) != 0.0)
+    yield other, 'probability', 'probability is {probability}; allowed one for a branch'
+    _, obstacle = np.unique(points['id'], return_inverse=True)
+    total = np.bincount(obstacle, p * begins, minlength=1)[obstacle]
+    above = total > 1.0 + 256 * _ROUNDING
+    yield above, 'probability', 'its branches have more than 1 in sum; allowed 0 to 1'
+    # a little more: one that is singular may not be so any more when it is rounded
+    var_x, var_y = (points[k] * (1.0 + _ROUNDING) + _ROUNDING**2 for k in ('var_x', 'var_y'))
+    wide = points['cov_xy'] ** 2 > var_x * var_y
+    allowed = 'allowed up to the root of {var_x} x {var_y} either way'
+    yield wide, 'covariance', f'cov_xy is {{cov_xy}} m^2; {allowed}'
 
 
 def _obstacle(shape, arrow):

@@ -4,18 +4,20 @@ Every function but `transform` is the inverse of the one of the same name in `de
 """
 
 import math
+from array import array
 
+import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, PoseStamped, TransformStamped
 from nav_msgs.msg import Odometry, Path
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Imu, JointState
+from sensor_msgs.msg import Imu, JointState, PointCloud2, PointField
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from msgs_yaml import contract, conversions, flat_fields, types
+from msgs_yaml import contract, conversions, flat_fields, point_cloud, types
 
 # appearance in RViz and Foxglove
 _EDGE_WIDTH_M = 0.15
@@ -102,6 +104,33 @@ def obstacles(x: types.Obstacles) -> MarkerArray:
     header = _header('/scenario/obstacles', x.stamp_ns)
     no_obstacle = [Marker(header=header, action=Marker.DELETEALL)]
     return MarkerArray(markers=shapes + arrows or no_obstacle)
+
+
+def predictions(x: types.Predictions) -> PointCloud2:
+    """Return /scenario/predictions."""
+    branches = [(k, i, b) for k, several in x.by_id.items() for i, b in enumerate(several)]
+    rows = np.zeros(sum(len(b.t) for _, _, b in branches), point_cloud.ROW)
+    end = 0
+    for number, i, b in branches:
+        begin, end = end, end + len(b.t)
+        (var_x, cov_xy), (_, var_y) = b.covariance.transpose(1, 2, 0)
+        row = (number, i, b.probability, b.t, b.X, b.Y, 0.0, var_x, cov_xy, var_y)
+        for name, column in zip(point_cloud.COLUMNS, row):
+            rows[name][begin:end] = column
+    fields = [
+        PointField(name=name, offset=point_cloud.ROW.fields[name][1], datatype=kinds[0], count=1)
+        for name, kinds in point_cloud.COLUMNS.items()
+    ]
+    return PointCloud2(
+        header=_header('/scenario/predictions', x.stamp_ns),
+        height=1,
+        width=len(rows),
+        fields=fields,
+        point_step=rows.itemsize,
+        row_step=rows.nbytes,
+        data=array('B', rows.tobytes()),
+        is_dense=True,
+    )
 
 
 def why(x: types.Why) -> DiagnosticArray:

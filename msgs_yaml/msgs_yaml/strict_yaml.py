@@ -360,7 +360,9 @@ def parse_value(hint: Any, item: Item) -> Any:
         return tuple(parse_value(inside, element) for inside, element in zip(arguments, elements))
     leaf = leaf_of(hint)
     if leaf is None:
-        return _parse_block(_select_alternative(arguments, item), item)
+        blocks = [kind for kind in arguments if kind is not type(None)]
+        block = blocks[0] if len(blocks) == 1 else _select_alternative(blocks, item)
+        return _parse_block(block, item)
     if not isinstance(item.node, yaml.ScalarNode):
         raise item.error(f'must be a single value, is a {item.node.id}; allowed {leaf.allowed}')
     value = item.value_or_empty()

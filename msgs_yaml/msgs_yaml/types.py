@@ -6,6 +6,7 @@ vehicle frame `base_link` at the centre of gravity (x forward, y left). Wheels a
 front-left, front-right, rear-left, rear-right (`WHEELS`).
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -119,6 +120,26 @@ class Obstacles(NamedTuple):
     stamp_ns: int  # 0 of an array without markers, which has no stamp
     items: tuple[Obstacle, ...]
     refused: tuple[Refusal, ...] = ()  # objects that are not among the items
+
+
+class Branch(NamedTuple):
+    """One hypothesis of where the first disc of an obstacle will be, at n >= 1 instants."""
+
+    stamp_ns: int  # of the message
+    probability: float
+    t: np.ndarray  # (n,) s after stamp_ns, increasing
+    X: np.ndarray  # (n,) m
+    Y: np.ndarray  # (n,) m
+    covariance: np.ndarray  # (n, 2, 2) m^2, of X and Y, positive semidefinite
+
+
+class Predictions(NamedTuple):
+    """Where obstacles will be, from who knows better than a guess: /scenario/predictions."""
+
+    stamp_ns: int
+    # the hypotheses of an obstacle by its id; what their probabilities lack to 1 is not known
+    by_id: Mapping[int, tuple[Branch, ...]]
+    refused: tuple[Refusal, ...] = ()  # of obstacles that are not in it
 
 
 class Prediction(NamedTuple):

@@ -1,6 +1,7 @@
 """Subscriptions beyond callbacks: bounded decoding, polling, and a watch over their publishers.
 
-read_reference, read_road_edges, read_obstacles   serialised message of any size -> value
+read_reference, read_road_edges, read_obstacles,
+read_predictions                                  serialised message of any size -> value
 read_odometry, read_actuators                     serialised message -> value
 LatestMessage                                     the newest message, polled
 PublisherMonitor                                  warns of a second publisher of a topic
@@ -14,15 +15,25 @@ from rclpy.subscription import Subscription
 
 from msgs_yaml import contract, decode, flat_fields, raw_scenario
 from msgs_yaml.raw_scenario import REFERENCE, ROAD_EDGES
-from msgs_yaml.types import Actuators, Health, Obstacles, Reference, RoadEdges, VehicleState
+from msgs_yaml.types import (
+    Actuators,
+    Health,
+    Obstacles,
+    Predictions,
+    Reference,
+    RoadEdges,
+    VehicleState,
+)
 from node_runtime import ros
 from node_runtime.input_monitor import OK, WARN
 
 OBSTACLES = '/scenario/obstacles'
+PREDICTIONS = '/scenario/predictions'
 ODOMETRY, ACTUATORS = '/vehicle/odometry', '/vehicle/actuators'
 PERIOD_S = 1.0  # of wall time, between two counts of publishers
 _COUNT = slice(4, 8)  # of a serialised MarkerArray, behind the encapsulation: number of markers
 _OBJECT_BYTES = 400_000  # of a path or of edges; as objects they take 0.1 s to build and to check
+_HEAD_BYTES = 10_000  # of predictions, all but their points, at most
 _MARKER_BYTES, _POINT_BYTES = 1000, 24  # of one marker without points at most, of one point
 
 
@@ -65,6 +76,14 @@ def read_obstacles(raw: bytes) -> Obstacles:
     if len(raw) > limit:
         raise decode.DecodeError(f'{OBSTACLES}: {len(raw)} bytes; allowed {limit}')
     return decode.obstacles(ros.deserialize(OBSTACLES, raw))
+
+
+def read_predictions(raw: bytes) -> Predictions:
+    """Return the predictions of a serialised /scenario/predictions; see `read_reference`."""
+    limit = contract.load().topics[PREDICTIONS].sizes['data'].high + _HEAD_BYTES
+    if len(raw) > limit:
+        raise decode.DecodeError(f'{PREDICTIONS}: {len(raw)} bytes; allowed {limit}')
+    return decode.predictions(ros.deserialize(PREDICTIONS, raw))
 
 
 def read_odometry(raw: bytes) -> VehicleState:

@@ -105,6 +105,15 @@ def disc_at(actor: Actor, t: float) -> Obstacle:
     return o._replace(X=X, Y=Y, vX=vX, vY=vY)
 
 
+def expected(actor: Actor, t: float, ahead: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return X and Y (n,) of an obstacle at times `ahead` (n,) [s] of t [s] after the start."""
+    o, since = actor.obstacle, t - actor.appears + ahead
+    if actor.track is None:
+        return o.X + o.vX * since, o.Y + o.vY * since
+    X, Y, _, _ = waypoint_track.motion_at(actor.track, since)
+    return X, Y
+
+
 def positions(actor: Actor, until: float, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Return X and Y (n,) of the first disc from its appearance until a time [s].
 
@@ -113,8 +122,4 @@ def positions(actor: Actor, until: float, step: float) -> tuple[np.ndarray, np.n
     o, duration = actor.obstacle, until - actor.appears
     fastest = np.hypot(o.vX, o.vY) if actor.track is None else actor.track.fastest
     count = int(np.ceil(fastest * duration / step))
-    since = np.linspace(0.0, duration, count + 1)
-    if actor.track is None:
-        return o.X + o.vX * since, o.Y + o.vY * since
-    X, Y, _, _ = waypoint_track.motion_at(actor.track, since)
-    return X, Y
+    return expected(actor, actor.appears, np.linspace(0.0, duration, count + 1))

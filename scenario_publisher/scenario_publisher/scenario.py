@@ -9,17 +9,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msgs_yaml import missing_file, share, strict_yaml
+from msgs_yaml import conversions, missing_file, share, strict_yaml
 from msgs_yaml.missing_file import YAML_SUFFIXES
 from msgs_yaml.strict_yaml import Struct, YamlError, closest
-from msgs_yaml.types import Obstacles, Reference, RoadEdges
-from scenario_publisher import actors, lines, plausibility, road_geometry, schema
+from msgs_yaml.types import Branch, Obstacles, Predictions, Reference, RoadEdges
+from scenario_publisher import actors, lines, plausibility, road_geometry, schema, sight
 from scenario_publisher.actors import Actor
 from scenario_publisher.expectations import NOTHING_EXPECTED, Expectations
 from scenario_publisher.friction_patches import Patches, build_patches
 from scenario_publisher.lines import Line
 from scenario_publisher.polyline import running_sum
 from scenario_publisher.schema import KeyedError, ScenarioError
+from scenario_publisher.sight import Sight
 
 PACKAGE = 'scenario_publisher'
 FOLDER = 'scenarios'
@@ -39,6 +40,7 @@ CHECKS = (
     'friction patches lie on the road',
 )
 KEYS, ROAD, PATH, SPEED, OBSTACLES, FINISH, START, PATCHES = CHECKS
+AHEAD = np.arange(0.0, 5.01, 0.125)  # s of an exact prediction; numbers of 32 bits hold them
 
 
 class NodeParams(Struct):
@@ -92,6 +94,8 @@ class Scenario(NamedTuple):
     patches: Patches = Patches()  # areas of another friction
     speeds: tuple[GivenSpeed, ...] = ()  # that of the start, if given, then the desired ones
     expect: Expectations = NOTHING_EXPECTED  # of a run
+    sight: Sight | None = None  # None: everything is seen
+    predicts: bool = False  # whether where the obstacles will be is published, too
 
     def __repr__(self) -> str:
         return f'Scenario({self.name!r}, {len(self.reference.X)} poses, {len(self.actors)} actors)'
@@ -173,11 +177,35 @@ def describe_namesake(name_or_path: str, scn: Scenario) -> str:
     )
 
 
-def obstacles_at(scn: Scenario, t: float, stamp_ns: int) -> Obstacles:
-    """Return the obstacles present t [s] after the start, at their positions, under a stamp."""
+def obstacles_at(
+    scn: Scenario, t: float, stamp_ns: int, car: tuple[float, float] | None = None
+) -> Obstacles:
+    """Return the obstacles present t [s] after the start, at their positions, under a stamp.
+
+    Those that a car at (X, Y) [m] sees, without one all.
+    """
     t = max(t, 0.0)
     present = (actors.obstacle_at(actor, t) for actor in scn.actors if actors.is_present(actor, t))
-    return Obstacles(stamp_ns, tuple(present))
+    items = (
+        tuple(present) if scn.sight is None or car is None else sight.seen(scn.sight, car, present)
+    )
+    return Obstacles(stamp_ns, items)
+
+
+def predictions_at(scn: Scenario, t: float, obstacles: Obstacles) -> Predictions:
+    """Return where obstacles of t [s] after the start will be while they are there, exactly.
+
+    As they are received: rounded to numbers of 32 bits, 1 mm within 10 km of the origin.
+    """
+    t, stamp_ns, by_id = max(t, 0.0), obstacles.stamp_ns, {}
+    seen = {o.id for o in obstacles.items}
+    for actor in scn.actors:
+        if actor.obstacle.id in seen:
+            ahead = AHEAD[t + AHEAD < actor.disappears]
+            covariance = np.zeros((len(ahead), 2, 2))
+            XY = actors.expected(actor, t, ahead)
+            by_id[actor.obstacle.id] = (Branch(stamp_ns, 1.0, ahead, *XY, covariance),)
+    return conversions.predictions_as_received(Predictions(stamp_ns, by_id))
 
 
 def _shipped(name):
@@ -225,6 +253,8 @@ def _build(file, text):
             rows = file.speed.stations_m, file.speed.speeds_mps
             given += [(f'speed.speeds_mps[{i}]', mps) for i, mps in enumerate(rows[1])]
             speed = road_geometry.build_table(*rows, 'speed', 'speeds_mps')
+        view = sight.build(file.sight, path)
+        speed = speed if view is None else sight.bound_speed(view, speed)
     with _checking(OBSTACLES):
         crowd = actors.place_actors(file.obstacles, road.centre)
         plausibility.check_obstacles_touch_road(crowd, road, file.stop.time_s)
@@ -253,8 +283,10 @@ def _build(file, text):
         patches=patches,
         speeds=tuple(GivenSpeed(*pair) for pair in given),
         expect=file.expect,
+        sight=view,
+        predicts=file.predictions == 'exact',
     )
-    return scn._replace(obstacles=obstacles_at(scn, 0.0, START_NS))
+    return scn._replace(obstacles=obstacles_at(scn, 0.0, START_NS, start[:2]))
 
 
 def _start(block, path, speed):

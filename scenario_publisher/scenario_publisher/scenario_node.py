@@ -3,7 +3,7 @@
 import sys
 
 from msgs_yaml import decode, encode, raw_scenario, share
-from node_runtime import ros, spin_node
+from node_runtime import ros, spin_node, subscriptions_node
 from node_runtime.clocks import SteadyClock
 from node_runtime.managed_node import ManagedNode
 from scenario_publisher import scenario
@@ -12,6 +12,7 @@ from scenario_publisher.timeline import NAME, RUN_START, Timeline
 
 POLL_S = 0.02  # of wall time, between two checks for subscribers
 THROTTLE_S = 1.0
+PREDICTIONS, ODOMETRY = '/scenario/predictions', '/vehicle/odometry'
 
 
 class ScenarioNode(ManagedNode):
@@ -28,6 +29,8 @@ class ScenarioNode(ManagedNode):
         self.timeline = Timeline(scn, ros.mode(self))
         self.reference_pub = ros.publisher(self, '/scenario/reference')
         self.edges_pub = ros.publisher(self, '/scenario/road_edges')
+        # known to others before that of the obstacles: in lockstep a controller waits for both
+        self.predictions_pub = ros.publisher(self, PREDICTIONS) if scn.predicts else None
         self.obstacles_pub = ros.publisher(self, '/scenario/obstacles')
         self.health_pub = ros.publisher(self, '/diagnostics')
         # serialised once: building the messages takes longer than the time between two obstacles
@@ -35,6 +38,11 @@ class ScenarioNode(ManagedNode):
         self.edges = ros.serialize(encode.road_edges(scn.edges))
         self.pending_ns = None  # simulated instant that is not answered yet
         self.listeners = {'/scenario/obstacles': 1}  # that the first answer waits for
+        if scn.predicts:
+            self.listeners[PREDICTIONS] = 1
+        self.has_sight, self.state, self.state_ns = scn.sight is not None, None, None
+        if self.has_sight:
+            ros.subscribe(self, ODOMETRY, self.on_odometry, raw=True)
         if ros.mode(self) == 'lockstep':
             ros.subscribe(self, '/clock', self.on_clock)
             self.polling = ros.steady_timer(self, POLL_S, self.answer)
@@ -67,11 +75,22 @@ class ScenarioNode(ManagedNode):
         self.pending_ns = stamp_ns
         self.answer()
 
+    def on_odometry(self, raw):
+        """Keep the newest state of the car; in lockstep an instant waits for that of its stamp."""
+        try:
+            self.state, self.state_ns = raw, decode.stamp_ns_of(raw)
+        except decode.DecodeError as error:
+            self.log_rejected(ODOMETRY, error)
+        if self.state_ns == self.pending_ns:
+            self.answer()
+
     def answer(self):
         """Answer the pending instant once all subscribers are matched."""
         if self.pending_ns is None or not self.is_active:
             return
         if ros.missing_subscriptions(self, self.listeners):
+            return
+        if self.has_sight and self.listeners and self.state_ns != self.pending_ns:
             return
         self.polling.cancel()
         self.publish(self.pending_ns)
@@ -96,8 +115,18 @@ class ScenarioNode(ManagedNode):
 
     def publish(self, stamp_ns):
         """Publish the obstacles, and path, edges and health when they are due."""
+        if self.has_sight and self.state is not None:
+            try:
+                state = subscriptions_node.read_odometry(self.state)
+                self.timeline.car = state.X, state.Y
+            except decode.DecodeError as error:
+                self.log_rejected(ODOMETRY, error)
         if self.timeline.has_plant:
-            self.obstacles_pub.publish(encode.obstacles(self.timeline.obstacles(stamp_ns)))
+            obstacles = self.timeline.obstacles(stamp_ns)
+            if self.predictions_pub:
+                predictions = encode.predictions(self.timeline.predictions(obstacles))
+                self.predictions_pub.publish(predictions)
+            self.obstacles_pub.publish(encode.obstacles(obstacles))
         self.publish_road(stamp_ns)
         if self.timeline.health_rate.is_due(stamp_ns):
             self.health_pub.publish(encode.health(self.timeline.health(stamp_ns)))

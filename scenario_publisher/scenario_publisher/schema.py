@@ -30,9 +30,13 @@ Ahead = Annotated[float, Range(-50.0, 50.0, 'm')]
 Time = Annotated[float, Range(0.0, 600.0, 's')]
 RunTime = Annotated[float, parameters.RUN_TIME]
 FinishStation = Annotated[float, Range(1.0, 20000.0, 'm')]
+SightRange = Annotated[float, Range(1.0, 20000.0, 'm')]
+Reaction = Annotated[float, Range(0.0, 5.0, 's')]
+Deceleration = Annotated[float, Range(0.5, 12.0, 'm/s^2')]
 Spacing = Annotated[float, Range(0.1, 5.0, 'm')]
 Friction = Annotated[float, parameters.ROAD_FRICTION]
 Name = Annotated[str, Pattern('[a-z][a-z0-9_]{0,63}', '1 to 64 of a-z, 0-9, _, the first a letter')]
+Predictions = Literal['none', 'exact']
 Text = Annotated[str, Pattern(r'(?s).{1,1000}', '1 to 1000 characters')]
 
 
@@ -279,6 +283,18 @@ class Stop(Struct):
     standstill_s: RunTime | None = None
 
 
+class Sight(Struct):
+    """How far ahead of the car obstacles are seen; those beyond are not published."""
+
+    stations_m: tuple[Station, ...]  # of the path, increasing
+    # at each, along the path from the car; linear between stations
+    ranges_m: tuple[SightRange, ...]
+    # the desired speed is bounded so that the car can stop within the whole range, or half of it
+    stop_within: Literal['whole', 'half'] = 'whole'
+    reaction_s: Reaction = 0.5  # until the brakes act
+    deceleration_mps2: Deceleration = 5.0
+
+
 class Sampling(Struct):
     """Greatest distance between neighbouring points of the published lines."""
 
@@ -302,3 +318,6 @@ class File(Struct):
     sampling: Sampling = Sampling()
     friction_patches: tuple[FrictionPatch, ...] = ()  # places with another friction, 0 to 16
     expect: Expectations = NOTHING_EXPECTED  # metrics with bounds: what a run is to come to
+    sight: Sight | None = None  # where a crest or a truck hides what is behind it
+    # exact: where the obstacles will be is published, too
+    predictions: Predictions = 'none'

@@ -1,7 +1,7 @@
 """Messages of a scenario under a stamp, and the rates at which they are repeated. No ROS."""
 
 from msgs_yaml import contract, conversions
-from msgs_yaml.types import Health, Obstacles
+from msgs_yaml.types import Health, Obstacles, Predictions
 from node_runtime.input_monitor import OK, STALE
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
@@ -38,6 +38,7 @@ class Timeline:
 
     def __init__(self, scn: Scenario, mode: str):
         self._scn = scn
+        self.car = (scn.start.X, scn.start.Y)  # m, where it is: what is seen depends on it
         self._start_ns = scenario.START_NS if mode == 'lockstep' else None
         self.has_plant = mode == 'lockstep'  # there the run starts at a known stamp
         topics = contract.load().topics
@@ -55,8 +56,16 @@ class Timeline:
 
     def obstacles(self, stamp_ns: int) -> Obstacles:
         """Return the obstacles at a stamp; before the run, those of its start."""
+        return scenario.obstacles_at(self._scn, self._since_start(stamp_ns), stamp_ns, self.car)
+
+    def predictions(self, obstacles: Obstacles) -> Predictions:
+        """Return where obstacles will be, exactly."""
+        t = self._since_start(obstacles.stamp_ns)
+        return scenario.predictions_at(self._scn, t, obstacles)
+
+    def _since_start(self, stamp_ns):
         start_ns = stamp_ns if self._start_ns is None else self._start_ns
-        return scenario.obstacles_at(self._scn, conversions.ns_to_s(stamp_ns - start_ns), stamp_ns)
+        return conversions.ns_to_s(stamp_ns - start_ns)
 
     def health(self, stamp_ns: int) -> Health:
         """Return the health of the node."""

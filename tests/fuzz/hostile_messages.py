@@ -54,7 +54,8 @@ def _wrong(value, kind, choice):
         return bytes([choice % 256])
     if isinstance(value, array.array) and choice % 2 and len(value):
         edited = array.array(value.typecode, value)
-        edited[choice % len(value)] = NUMBERS[choice % len(NUMBERS)]
+        whole, number = value.typecode == 'B', NUMBERS[choice % len(NUMBERS)]
+        edited[choice % len(value)] = choice // 2 % 256 if whole else number
         return edited
     if hasattr(value, 'dtype'):  # of fixed size
         edited = value.copy()

@@ -14,9 +14,11 @@ from mpcc_controller.controller_node import ControllerNode
 from msgs_yaml import encode
 from msgs_yaml.types import (
     Actuators,
+    Branch,
     Command,
     Obstacle,
     Obstacles,
+    Predictions,
     Reference,
     RoadEdges,
     VehicleState,
@@ -83,11 +85,14 @@ def valid_messages(stamp_ns: int) -> dict[str, Any]:
     """Return a valid message of every input of a controller by topic, the state last."""
     path = Reference(stamp_ns, X, 0 * X, 0 * X, X / 20.0)
     obstacle = Obstacle(1, 60.0, 3.0, 0.5, 0.0, 0.0)
+    t = np.array([0.0, 1.0, 2.0])
+    branch = Branch(stamp_ns, 0.8, t, 60.0 + t, 3.0 - t, np.tile(0.1 * np.eye(2), (3, 1, 1)))
     state = VehicleState(stamp_ns, 5.0, 0.0, 0.0, 20.0, 0.0, 0.0)
     return {
         '/scenario/reference': encode.reference(path),
         '/scenario/road_edges': encode.road_edges(RoadEdges(stamp_ns, LINE, -LINE)),
         '/vehicle/actuators': encode.actuators(Actuators(stamp_ns, 0, 0, 0, 0, (0.0,) * 4)),
+        '/scenario/predictions': encode.predictions(Predictions(stamp_ns, {1: (branch,)})),
         '/scenario/obstacles': encode.obstacles(Obstacles(stamp_ns, (obstacle,))),
         '/vehicle/odometry': encode.odometry(state),
     }

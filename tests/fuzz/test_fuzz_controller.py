@@ -22,7 +22,7 @@ SITUATIONS = 12  # per example
 LEAST_SOLVED = 0.6
 ACTUATORS, ODOMETRY = '/vehicle/actuators', '/vehicle/odometry'
 ROAD = ('/scenario/reference', '/scenario/road_edges')
-TOPICS = (*ROAD, '/scenario/obstacles', ACTUATORS, ODOMETRY)
+TOPICS = (*ROAD, '/scenario/obstacles', '/scenario/predictions', ACTUATORS, ODOMETRY)
 
 
 @pytest.fixture(scope='module', params=['lockstep', 'realtime'])

@@ -5,13 +5,14 @@ import math
 from types import SimpleNamespace
 
 import node_bench
+import numpy as np
 import pytest
 from controller_driver import ObservedPublisher
 from wait_until import wait_until
 
 from mpcc_controller.controller_inputs_node import ACTUATORS
 from msgs_yaml import decode, encode
-from msgs_yaml.types import Actuators, Obstacle, Obstacles, VehicleState
+from msgs_yaml.types import Actuators, Branch, Obstacle, Obstacles, Predictions, VehicleState
 from node_runtime import ros
 
 pytestmark = pytest.mark.ros
@@ -19,6 +20,7 @@ START, TICK, S = 1_000_000_000, 50_000_000, 1_000_000_000
 PATIENCE_S = 60.0
 REFERENCE, EDGES = '/scenario/reference', '/scenario/road_edges'
 OBSTACLES, ODOMETRY = '/scenario/obstacles', '/vehicle/odometry'
+PREDICTIONS = '/scenario/predictions'
 
 
 class Running:
@@ -205,6 +207,25 @@ def test_an_obstacle_that_breaks_the_contract_is_refused_alone_and_counted(realt
     alone, whole = realtime.logged('rejected')
     assert alone.startswith(f'object of {OBSTACLES} rejected (field): obstacle 2: ')
     assert whole.startswith(f'{OBSTACLES} rejected (unreadable): ')
+
+
+def test_a_prediction_that_breaks_the_contract_is_refused_alone_and_the_last_message_stays(
+    realtime,
+):
+    line = np.array([0.0, 1.0])
+    branch = Branch(START, 1.0, line, 20.0 + line, line, np.zeros((2, 2, 2)))
+    late = branch._replace(t=line[::-1])
+
+    def known_after(message):
+        realtime.send(PREDICTIONS, message)
+        return [*realtime.node.controller.scene.predictions]
+
+    assert known_after(encode.predictions(Predictions(START, {1: (branch,), 2: (late,)}))) == [1]
+    assert known_after(ros.message_type(PREDICTIONS)()) == [1]
+    alone, whole = realtime.logged('rejected')
+    assert alone.startswith(f'object of {PREDICTIONS} rejected (times): prediction 2: t is 0.0 s')
+    assert whole.startswith(f'{PREDICTIONS} rejected (unreadable): ')
+    assert known_after(encode.predictions(Predictions(START, {}))) == []
 
 
 def reversed_path(path):

@@ -98,6 +98,10 @@ def test_every_example_is_of_a_topic_and_holds_what_its_comment_says():
     )
     across = [(disc.X, disc.Y, disc.r_obs) for disc in seen[2].discs()]
     assert across == [pytest.approx(place) for place in ((120, -1.3, 1), (120, 1.3, 1))]
+    (keeps, turns) = decode.predictions(load_example('/scenario/predictions')).by_id[2]
+    assert (keeps.probability, turns.probability) == (0.75, 0.25)
+    assert (turns.t.tolist(), turns.X.tolist(), turns.Y.tolist()) == ([0, 2], [90, 80], [2, 0])
+    assert turns.covariance[1].tolist() == [[0.25, 0.0], [0.0, 0.25]]
     assert decode.clock(load_example('/clock')) == 1_050_000_000
     assert decode.why(load_example('/controller/why')).values['solver.iterations'] == 7
 

@@ -3,6 +3,7 @@
 import math
 import re
 import time
+from array import array
 from functools import reduce
 
 import numpy as np
@@ -13,15 +14,25 @@ from example_messages import FAST, canonical, decoded, encoded, load_example
 from geometry_msgs.msg import Point, PoseStamped
 from visualization_msgs.msg import Marker, MarkerArray
 
-from msgs_yaml import conformance, contract, conversions, decode, encode, field_paths
+from msgs_yaml import (
+    conformance,
+    contract,
+    conversions,
+    decode,
+    encode,
+    field_paths,
+    point_cloud,
+)
 from msgs_yaml.decode import DecodeError
 from msgs_yaml.types import (
     Actuators,
+    Branch,
     Health,
     Imu,
     Obstacle,
     Obstacles,
     Prediction,
+    Predictions,
     Reference,
     VehicleState,
     Wheels,
@@ -73,7 +84,8 @@ def place_of(topic, message, path):
 NUMBERS = [
     (topic.name, path)
     for topic in TOPICS.values()
-    if topic.type != contract.DIAGNOSTICS and not topic.name.startswith('/markers')
+    if topic.type not in (contract.DIAGNOSTICS, contract.POINT_CLOUD)
+    and not topic.name.startswith('/markers')
     for path in topic.fields
     if topic.name != '/clock'
 ]
@@ -350,3 +362,97 @@ def test_markers_that_delete_are_no_objects_and_only_the_length_of_an_arrow_coun
     assert decode.obstacles(message) == OBSTACLES
     assert decode.obstacles(encode.obstacles(Obstacles(5 * S, ()))) == Obstacles(5 * S, ())
     assert decode.obstacles(ros.message_type('/scenario/obstacles')()) == Obstacles(0, ())
+
+
+PREDICTIONS = '/scenario/predictions'
+LINE_AHEAD = Branch(
+    S, 0.5, np.array([0.0, 1.0]), np.array([10.0, 15.0]), np.zeros(2), np.array([np.eye(2)] * 2)
+)
+
+
+def packed(change=None):
+    """Return predictions of obstacles 3, 4 and 5 as a message, some numbers of 4 changed."""
+    by_id = dict.fromkeys((3, 4, 5), (LINE_AHEAD, LINE_AHEAD))
+    message = encode.predictions(Predictions(S, by_id))
+    rows = np.frombuffer(bytes(message.data), point_cloud.ROW).copy()
+    for (row, name), value in (change or {}).items():
+        rows[name][4 + row] = value
+    message.data = array('B', rows.tobytes())
+    return message
+
+
+@pytest.mark.parametrize('bad', [math.nan, math.inf, -1e30, 1e30])
+@pytest.mark.parametrize('name', [n for n in point_cloud.ROW.names[2:] if n != 'z'])
+def test_every_number_of_a_prediction_has_its_range(name, bad):
+    field, message = TOPICS[PREDICTIONS].fields[f'data[{name}]'], packed({(1, name): bad})
+    wanted = (
+        f'({field.symbol}) is {float(np.float32(bad))}; allowed {field.low:g} to {field.high:g}'
+    )
+    told = [str(violation) for violation in conformance.check(PREDICTIONS, message)]
+    assert f'{PREDICTIONS}: data[{name}] {wanted} {field.unit}' in told
+    read = decode.predictions(message)
+    assert [*read.by_id] == [3, 5]
+    (refusal,) = read.refused
+    assert refusal == ('field', f'prediction 4: {name} {wanted} {field.unit}')
+
+
+@pytest.mark.parametrize(
+    ('change', 'kind', 'reason'),
+    [
+        ({(1, 't'): 0.0}, 'times', 't is 0.0 s in branch 0; allowed above the t of the point'),
+        ({(0, 't'): 1.5}, 'times', 't is 1.0 s in branch 0; allowed above'),
+        ({(3, 'probability'): 0.25}, 'probability', 'probability is 0.25; allowed one for a br'),
+        ({(k, 'probability'): 0.7 for k in range(4)}, 'probability', 'more than 1 in sum; allowed'),
+        (
+            {(2, 'cov_xy'): 1.5},
+            'covariance',
+            'cov_xy is 1.5 m^2; allowed up to the root of 1.0 x 1',
+        ),
+        (
+            {(2, 'var_x'): 0.0, (2, 'cov_xy'): 0.1},
+            'covariance',
+            'allowed up to the root of 0.0 x 1',
+        ),
+    ],
+)
+def test_a_prediction_that_breaks_the_contract_is_refused_alone(change, kind, reason):
+    read = decode.predictions(packed(change))
+    assert ([*read.by_id], read.stamp_ns) == ([3, 5], S)
+    (refusal,) = read.refused
+    assert refusal.kind == kind
+    assert refusal.reason.startswith('prediction 4: ')
+    assert reason in refusal.reason
+
+
+def test_points_may_come_in_any_order_of_obstacles_with_further_fields_and_longer_numbers():
+    kinds = {'id': '>u4', 'branch': 'u1'}
+    names = ('rgb', *point_cloud.COLUMNS)
+    dtype = np.dtype([(name, kinds.get(name, '>f8')) for name in names])
+    message, wanted = packed(), decode.predictions(packed())
+    rows = np.zeros(12, dtype)
+    for name in point_cloud.ROW.names:
+        rows[name] = np.frombuffer(bytes(message.data), point_cloud.ROW)[name]
+    rows = rows[[8, 0, 4, 9, 1, 10, 2, 6, 5, 11, 3, 7]]  # each branch keeps its order
+    message.is_bigendian, message.point_step = True, rows.itemsize
+    for field in message.fields:
+        field.offset = dtype.fields[field.name][1]
+        field.datatype = point_cloud.COLUMNS[field.name][-1]
+    message.data = array('B', rows.tobytes())
+    assert str(decode.predictions(message)) == str(wanted)
+
+
+@pytest.mark.parametrize(
+    ('path', 'value', 'error'),
+    [
+        ('header.frame_id', 'odom', "header.frame_id is 'odom'; allowed 'map'"),
+        ('header.stamp', Time(), 'header.stamp is 0.000000000 s; allowed above 0 s'),
+        ('fields.3.name', 'time', 'fields is without t; allowed id, branch, probability, t, x'),
+        ('fields.3.datatype', 5, 'fields (t) is 1 of datatype 5; allowed 1 of datatype 7 or 8'),
+        ('fields.3.count', 2, 'fields (t) is 2 of datatype 7; allowed 1 of datatype'),
+        ('fields.3.offset', 40, 'point_step is 37; allowed 44 or more'),
+        ('width', 5, 'data is 444 long; allowed 185 elements, width x height x point_step'),
+        ('fields', [], 'fields is 0 long; allowed 10 to 64 elements'),
+    ],
+)
+def test_predictions_of_another_layout_are_refused_as_a_whole(path, value, error):
+    assert error in refused(PREDICTIONS, put(packed(), path, value))

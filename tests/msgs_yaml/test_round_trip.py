@@ -73,7 +73,25 @@ def paths(draw, cls, least):
     return cls(draw(STAMP), np.array(X), np.array(Y), np.cumsum(turns), t)
 
 
+@st.composite
+def branches(draw):
+    n = draw(st.integers(1, 6))
+    t = np.cumsum(draw(st.lists(number(0.01, 5.0), min_size=n, max_size=n)))
+    X, Y = (np.array(draw(st.lists(METRES, min_size=n, max_size=n))) for _ in 'XY')
+    roots = draw(st.lists(st.tuples(*[number(-30, 30)] * 3), min_size=n, max_size=n))
+    L = np.array([[[a, 0.0], [b, c]] for a, b, c in roots])
+    return types.Branch(0, draw(number(0.0, 0.2)), t, X, Y, L @ L.transpose(0, 2, 1))
+
+
+PREDICTIONS = '/scenario/predictions'
+BRANCHES = st.lists(branches(), min_size=1, max_size=4).map(tuple)
 FORMS = {
+    PREDICTIONS: st.builds(
+        types.Predictions,
+        STAMP,
+        st.dictionaries(st.integers(0, 2**31 - 1), BRANCHES, max_size=3),
+        st.just(()),
+    ),
     '/vehicle/odometry': st.builds(
         types.VehicleState, STAMP, METRES, METRES, ANGLE, SPEED, SPEED, RATE
     ),
@@ -134,7 +152,8 @@ def test_decoding_undoes_encoding_to_the_last_bit_by_every_route(topic):
 
 def test_every_topic_is_tested():
     topics = contract.load().topics.values()
-    assert set(FORMS) == {topic.name for topic in topics if not topic.on_request}
+    always = {topic.name for topic in topics if not topic.on_request}
+    assert set(FORMS) == always | {PREDICTIONS}
     assert {*flat_fields.TYPES, '/scenario/reference', '/scenario/road_edges'} == set(FAST)
 
 

@@ -22,7 +22,14 @@ for words in {commands}:
 print([name for name in {slow} if name in sys.modules])
 """
 NODES = (
-    *('scenario_node', 'controller_node', 'mpcc_node', 'frenet_node', 'plant_node'),
+    *(
+        'scenario_node',
+        'converter_node',
+        'controller_node',
+        'mpcc_node',
+        'frenet_node',
+        'plant_node',
+    ),
     *('markers_node', 'player_node', 'recorder_node'),
 )
 

@@ -28,7 +28,7 @@ builds = [
     pytest.mark.reads(*MANIFESTS),
 ]
 EXECUTABLES = {
-    'scenario_publisher': ('scenario_node',),
+    'scenario_publisher': ('scenario_node', 'converter_node'),
     'mpcc_controller': ('controller_node', 'mpcc_node', 'frenet_node'),
     'vehicle_plant': ('plant_node', 'identify', 'manoeuvre'),
     'bags': ('markers_node', 'player_node', 'recorder_node', 'bags'),

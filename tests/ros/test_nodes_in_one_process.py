@@ -24,7 +24,7 @@ from vehicle_plant import parameters
 
 pytestmark = [pytest.mark.smoke, pytest.mark.usefixtures('dds')]
 SHORT = {'stop.x_m': 8.0, 'stop.armed_after_m': 1.0}  # half a second of driving
-WHY = '/controller/why'
+WHY, PREDICTIONS = '/controller/why', '/scenario/predictions'
 TICK_NS = 50_000_000
 MULTI_BODY = {
     'plant': {'plant_params': parameters.MULTI_BODY_CAR},
@@ -48,6 +48,30 @@ def test_through_the_nodes_and_in_a_simulation_the_bits_are_the_same(name, setti
     computed = simulation.run(simulation.prepare(name, 'mpcc', settings))
     columns = read.columns(bag)
     assert_equal_tables(computed, columns)
+
+
+def test_predictions_and_sight_are_the_same_through_the_nodes_and_in_a_replay(tmp_path):
+    """The slow vehicle, 60 m ahead of the car at the start, is seen later."""
+    road = tmp_path / 'road.yaml'
+    view = 'sight: {stations_m: [0.0, 5.0, 30.0], ranges_m: [20.0, 20.0, 90.0]}'
+    road.write_text(f'{scenario.load("moving_obstacle").text}\npredictions: exact\n{view}\n')
+    ring = NodeRing(tmp_path, 'lockstep', str(road))
+    note_run(ring.configured, tmp_path, str(road))
+    with ring:
+        bag = ring.finish()
+    setup = simulation.prepare(str(road), 'mpcc')
+    columns = read.columns(bag)
+    computed = simulation.run(setup)
+    assert_equal_tables(computed, columns)
+    seen = [{o.id for o in obstacles.items} for obstacles in columns['/scenario/obstacles'].values]
+    assert [seen[0], max(seen, key=len)] == [set(), {1, 2}]
+    for one, other in zip(computed[PREDICTIONS].values, columns[PREDICTIONS].values, strict=True):
+        assert [*one.by_id] == [*other.by_id]
+        for (a,), (b,) in zip(one.by_id.values(), other.by_id.values()):
+            assert all(np.array_equal(x, y) for x, y in zip(a, b))
+    ticks = recorded_ticks.read_ticks(bag)
+    assert [{*tick.inputs.predictions.by_id} for tick in ticks] == seen
+    assert all(tick.inputs.predictions.stamp_ns == tick.stamp_ns for tick in ticks)
 
 
 def test_a_state_that_is_sent_again_until_its_first_answer_is_recorded_once(tmp_path):

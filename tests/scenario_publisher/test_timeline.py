@@ -74,4 +74,4 @@ def test_health_counts_the_obstacles_that_are_there():
 def test_contract_and_node_agree_on_its_name():
     topics = contract.load().topics.values()
     ours = [topic.publisher for topic in topics if topic.name.startswith('/scenario/')]
-    assert ours == [NAME] * 3
+    assert ours == [NAME] * 4

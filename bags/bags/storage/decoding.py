@@ -30,6 +30,7 @@ DECODERS = {
     '/scenario/reference': decode.reference,
     '/scenario/road_edges': decode.road_edges,
     '/scenario/obstacles': decode.obstacles,
+    '/scenario/predictions': decode.predictions,
     '/vehicle/odometry': decode.odometry,
     '/vehicle/actuators': decode.actuators,
     '/vehicle/imu': decode.imu,

@@ -13,6 +13,7 @@ from msgs_yaml import share
 from node_runtime import node_parameters, parameter_docs, parameters
 from node_runtime.parameter_docs import GroupDoc
 from reference_pages.markdown import code, table, text
+from scenario_publisher.perceived_objects import ConverterParams
 from scenario_publisher.scenario import NodeParams as ScenarioParams
 from vehicle_plant.circular_driving import CircleParams
 from vehicle_plant.parameters import EXTRAS
@@ -81,6 +82,14 @@ KINDS = (
         ScenarioParams,
         'scenario_publisher',
         'scenario_node.yaml',
+    ),
+    Kind(
+        'parameters_converter',
+        'Parameters of the converter',
+        'Of `converter_node`.',
+        ConverterParams,
+        'scenario_publisher',
+        'converter_node.yaml',
     ),
     Kind(
         'parameters_recorder',

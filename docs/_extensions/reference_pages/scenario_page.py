@@ -64,7 +64,7 @@ def _kind(hint):
     if dataclasses.is_dataclass(hint):
         return f'[{hint.__name__}](#{hint.__name__.lower().replace("_", "-")})'
     if origin in UNIONS:
-        return ' or '.join(map(_kind, arguments))
+        return ' or '.join(_kind(kind) for kind in arguments if kind is not types.NoneType)
     if origin is tuple and arguments[-1] is Ellipsis:
         return f'list of {_kind(arguments[0])}'
     if origin is tuple:

@@ -25,13 +25,13 @@ from experiments.batch import distributions
 from experiments.batch.distributions import MAX_DRAWS, Distribution
 from experiments.configuration import set_option
 from experiments.configuration.inputs import PLANT_CAR
-from experiments.drive_row import ROLES, SCENARIO_FRICTION, SCENARIO_SETTINGS, SCENARIO_SPEED
+from experiments.drive_row import ROLES, SCENARIO_SETTINGS, SCENARIO_SPEED
 from experiments.families.draw import LIBRARY, NOMINAL
 from experiments.simulation import PLANT_SETTINGS
-from msgs_yaml.strict_yaml import EMPTY, Item, Pattern, YamlError, closest, parse_value, read
+from msgs_yaml.strict_yaml import EMPTY, Item, Leaf, Pattern, YamlError, closest, parse_value, read
 from node_runtime.parameters import Range
 
-SETTING_NAMES = f'plant.*, controller.*, {SCENARIO_SPEED} and {SCENARIO_FRICTION}'
+SETTING_NAMES = f'plant.*, controller.*, {", ".join(SCENARIO_SETTINGS)}'
 MAX_DRIVES, MAX_RUNS = 200_000, 10_000
 SEED = 1
 SEEDS = Range(0, 2**32 - 1, '-')
@@ -194,11 +194,11 @@ def _parse_drawn(item):
     name = _setting_name(item, 'draw')
     distribution = distributions.parse(item)
     if name in SCENARIO_SETTINGS:
-        rule = get_args(SCENARIO_SETTINGS[name])[1]
+        kind, rule = get_args(SCENARIO_SETTINGS[name])
         for end in distribution.ends:
-            fault = rule.fault(float, end)
+            fault = Leaf(kind, False, rule).fault(end)
             if fault:
-                raise item.error(f'{fault} {end}; allowed {rule.allowed}')
+                raise item.error(fault)
     return Drawn(name, distribution, item)
 
 

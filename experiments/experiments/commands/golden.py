@@ -11,7 +11,7 @@ HELP = 'replace the golden recordings by new runs'
 EXAMPLE = 'experiments golden'
 REFERENCE = Path('bags', 'reference')
 # controllers by scenario: those of the paper in its manoeuvre; that of the road where a car cuts in
-# and brakes, so that candidates, observed braking and the friction estimate are all at work
+# and brakes, so that candidates, tracked obstacles and the friction estimate are all at work
 DRIVES = {'double_lane_change': ('mpcc', 'mpcc_no_ca', 'frenet'), 'cut_in': ('mpcc_road',)}
 
 

@@ -54,26 +54,34 @@ def stop_params(scn: Scenario) -> StopParams:
 
 
 def load_scenario(
-    name_or_path: str, speed_mps: float | None = None, friction: float | None = None
+    name_or_path: str,
+    speed_mps: float | None = None,
+    friction: float | None = None,
+    predictions: str | None = None,
 ) -> Scenario:
-    """Return a scenario, at another constant desired speed or friction where given.
+    """Return a scenario, where given at another constant desired speed, friction, or predictions.
 
     Raises BagError.
     """
     try:
-        return change_scenario(scenario.load(name_or_path), name_or_path, speed_mps, friction)
+        scn = scenario.load(name_or_path)
+        return change_scenario(scn, name_or_path, speed_mps, friction, predictions)
     except scenario.ScenarioError as error:
         raise BagError(str(error)) from None
 
 
 def change_scenario(
-    scn: Scenario, source: str, speed_mps: float | None = None, friction: float | None = None
+    scn: Scenario,
+    source: str,
+    speed_mps: float | None = None,
+    friction: float | None = None,
+    predictions: str | None = None,
 ) -> Scenario:
-    """Return a loaded scenario at another constant desired speed or friction; `source` names it.
+    """Return a loaded scenario changed as by `load_scenario`; `source` names it.
 
     Raises ScenarioError.
     """
-    if speed_mps is None and friction is None:
+    if speed_mps is None and friction is None and predictions is None:
         return scn
     document = yaml.safe_load(scn.text)
     if speed_mps is not None:
@@ -82,6 +90,8 @@ def change_scenario(
     if friction is not None:
         document['friction'] = float(friction)
         source += f' at friction {friction:.2f}'
+    if predictions is not None:
+        document['predictions'] = predictions
     return scenario.parse(yaml.safe_dump(document), source)
 
 

@@ -8,6 +8,8 @@ document of one draw, None for one that cannot be mastered (nominal only).
 from random import Random
 from typing import NamedTuple
 
+import numpy as np
+
 from experiments.families import feasibility
 from experiments.families.scenario_document import (
     CAR_DISCS,
@@ -25,9 +27,11 @@ from experiments.families.scenario_document import (
     document_either_side,
     either_side,
     finish,
+    rounded,
     straight,
     waypoint,
 )
+from scenario_publisher import sight
 from scenario_publisher.schema import ALONG_ROAD
 
 FRICTION = 1.0
@@ -36,6 +40,8 @@ GRIP_SHARES = (0.1, 0.45)  # of the lateral acceleration that the friction allow
 SPEEDS = (7.0, 33.0)  # m/s
 CLOTHOID_S = 1.2  # of driving into a bend
 MOST_TURN = 2.4  # rad, of one bend
+FAR_M = 500.0  # seen behind a crest
+REACTION_S, BRAKING_MPS2 = 0.5, 5.0  # of a driver who drives by sight
 CAR_BACK = 2.4  # m from the middle of another car to its bumpers
 # a truck and its trailer: 2.55 m wide and 17 m long
 TRUCK_RADIUS, TRUCK_DISCS = 1.65, tuple(2.1 * (k - 3.5) for k in range(8))
@@ -97,18 +103,31 @@ def parked_and_oncoming(random: Random, hard: bool) -> Document | None:
 
 
 def crest(random: Random, hard: bool) -> Document | None:
-    """Return a car that stands behind a crest, where sight ends; in half of the draws one comes."""
+    """Return a car that stands behind a crest, where sight ends; in half of the draws one comes.
+
+    Before the crest the car sees as far as a little behind it; the desired speed is one from which
+    it can stop within that.
+    """
     road = _road(random, radii=(120.0, 300.0), shares=(0.05, 0.25))
-    at, sight_s = road.station(0.6), random.uniform(*((1.5, 2.5) if hard else (2.0, 3.5)))
-    if not hard and not _can_stop(road, road.speed, road.speed * sight_s):
+    top = road.station(0.4)
+    least = road.speed * random.uniform(*((0.8, 1.5) if hard else (1.0, 2.5)))  # m, seen at the top
+    view = {'stations_m': [0.0, top, top + 1.0], 'ranges_m': [top + least, least, FAR_M]}
+    slow = float(sight.stopping_speed(np.array(least), REACTION_S, BRAKING_MPS2))
+    if not hard and not _can_stop(road, slow, least):
         return None
-    others = [car(at, random.uniform(-1.0, 0.5), appears_at_s=_appears_s(road, at, sight_s))]
+    at = top + least + random.uniform(0.0, 10.0)
+    others = [car(at, random.uniform(-1.0, 0.5))]
     if random.random() < 0.5:
-        # both approach: it comes into sight when half of the time is left
-        meet = at + random.uniform(0.0, 20.0)
-        others.append(_comes(road, meet, road.speed, LANE, sight_s / 2.0))
-    text = f'A car stands behind a crest, seen {sight_s:.2f} s ahead'
-    return _two_lanes(random, road, text, at, others, extra_s=8.0)
+        # it is about there when the car comes to the top
+        s = np.arange(0.0, top)
+        seen = sight.stopping_speed(top + least - s, REACTION_S, BRAKING_MPS2)
+        top_s = float(np.sum(1.0 / np.minimum(seen, road.speed)))
+        begin = at + road.speed * (top_s + random.uniform(0.0, 2.0))
+        others.append(car(begin, LANE, -road.speed, motion=ALONG_ROAD))
+    text = f'A car stands behind a crest, on which {least:.0f} m of road are seen'
+    parts = _two_lanes(random, road, text, at, others, extra_s=15.0)
+    pace = {'reaction_s': REACTION_S, 'deceleration_mps2': BRAKING_MPS2}
+    return parts | {'sight': rounded(view | pace)}
 
 
 def slower_car_in_bend(random: Random, hard: bool) -> Document | None:

@@ -142,7 +142,7 @@ class Problem:
         scaled = {name: factor * known[name] for name, factor in factors.items()}
         weights = parameters.stages.weights._replace(**scaled)
         stages = parameters.stages._replace(weights=weights)
-        matrix = stage_parameters.to_matrix(stages, parameters.obstacles, len(parameters.P))
+        matrix = stage_parameters.to_matrix(stages, *parameters[2:], len(parameters.P))
         return replace(self, tick_problem=self.tick_problem._replace(parameters=matrix))
 
     def start_from(self, solved: Solved) -> 'Problem':
@@ -194,9 +194,8 @@ class Problem:
     def _distances(self, view):
         parameters, weights = self.tick_problem.parameters, self.weights
         safe = parameters.stages.D_sft
-        for number, rows in stage_parameters.rows_by_id(parameters.obstacles).items():
-            D, priority = np.min(np.take(view.v2o, rows, 0), 0), np.take(view.priority_o, rows, 0)
-            yield Distance(f'obstacle {number}', D, safe.o, weights['v2o'] * np.max(priority, 0))
+        for key, D, priority in stage_parameters.by_object(parameters, view.v2o, view.priority_o):
+            yield Distance(f'obstacle {key}', D, safe.o, weights['v2o'] * priority)
         for side, D, priority in zip(('left', 'right'), view.v2e, view.priority_e):
             edge = float(np.max(safe.e))  # of every stage where it fits the road
             yield Distance(f'{side} edge', D, edge, weights['v2e'] * priority)

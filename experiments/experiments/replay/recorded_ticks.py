@@ -7,6 +7,7 @@ bag gives that instant to within the transport time.
 
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from itertools import islice
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -30,6 +31,7 @@ STATE, WHY = '/vehicle/odometry', '/controller/why'
 COMMAND, PREDICTION = '/controller/command', '/controller/prediction'
 ACTUATORS, OBSTACLES = '/vehicle/actuators', '/scenario/obstacles'
 REFERENCE, EDGES = '/scenario/reference', '/scenario/road_edges'
+PREDICTIONS = '/scenario/predictions'
 NEEDED = (STATE, ACTUATORS, REFERENCE, EDGES, OBSTACLES, COMMAND, WHY)
 # joined with a tick by the stamp: an invalid message means that the controller had none
 JOINED = (STATE, ACTUATORS, OBSTACLES)
@@ -54,6 +56,7 @@ class RecordedInputs(NamedTuple):
     changes: Mapping[str, float] = NO_CHANGES
     resumed: bool = False  # the first tick after a pause, in which the controller was not active
     compared: types.Actuators | None = None  # with the set-points
+    predictions: types.Predictions | None = None  # of the obstacles, from outside
 
 
 class Tick(NamedTuple):
@@ -161,6 +164,14 @@ def _current(topic, stamp_ns, wall_ns, gaps):
     return _newest(topic, stamp_ns, wall_ns)
 
 
+def _predictions(topic, stamp_ns, wall_ns):
+    """Return the newest predictions of obstacles, None before there were any."""
+    if topic is None:
+        return None
+    sent = (topic.stamp_ns, stamp_ns) if wall_ns is None else (topic.sent_ns, wall_ns)
+    return _newest(topic, stamp_ns, wall_ns) if bisect_right(*sent) else None
+
+
 def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
     """Return the ticks of a bag in the order of their reports, or the first `most`.
 
@@ -168,8 +179,9 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
     actuators that were not recorded.
     """
     topics = {name: RecordedTopic(bag, name) for name in NEEDED}
-    if PREDICTION in bag.recordings and bag.recordings[PREDICTION].payloads:
-        topics[PREDICTION] = RecordedTopic(bag, PREDICTION)
+    for name in (PREDICTION, PREDICTIONS):
+        with suppress(BagError):  # recordings without them can be repeated, too
+            topics[name] = RecordedTopic(bag, name)
     lockstep = bag.run_info.get('mode') == LOCKSTEP
     reports, ticks, last = topics[WHY], [], None
     for row, why in islice(_distinct_reports(reports), most):
@@ -207,6 +219,7 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
             resumed=resumed,
             changes=run_time_parameters.reported(why.values),
             compared=_compared_actuators(topics[ACTUATORS], why, gaps),
+            predictions=_predictions(topics.get(PREDICTIONS), *instant),
         )
         command, prediction = (
             topics[name].find(stamp_ns) if name in topics else None

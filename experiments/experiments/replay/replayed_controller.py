@@ -47,6 +47,7 @@ class ReplayedController:
         if before is None or not has_same_content(inputs.edges, before.edges):
             self.controller.set_edges(inputs.edges)
         self.controller.set_obstacles(inputs.obstacles)
+        self.controller.set_predictions(inputs.predictions)
         state = inputs.state if inputs.state is not None else unknown_state(stamp_ns)
         record = self.controller.step(
             TickInputs(

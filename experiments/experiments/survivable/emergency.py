@@ -1,7 +1,7 @@
 """An emergency: the instant from which a driver may act, and what happens around the car.
 
 Until then the controller of the setup drives, without knowing what is to come. The fair instant is
-the first one at which an obstacle is present; with full preview it is the start of the run. From
+the first one at which an obstacle is seen; with full preview it is the start of the run. From
 then on a pilot knows all that will happen, and the car is the plant itself.
 """
 
@@ -79,7 +79,7 @@ class Emergency:
         return max(1, int(np.ceil((self._stop.time_s - self.time_s) / TICK_S)))
 
     def obstacles_at(self, stamp_ns: int) -> Obstacles:
-        """Return the obstacles that are present at a stamp."""
+        """Return the obstacles that are present at a stamp, seen or not."""
         return scenario.obstacles_at(self.setup.scn, self._since_start(stamp_ns), stamp_ns)
 
     def discs_at(self, stamp_ns: int) -> dict[tuple[int, int], Obstacle]:
@@ -120,13 +120,19 @@ class Emergency:
     def _since_start(self, stamp_ns):
         return (stamp_ns - self.setup.scn.reference.stamp_ns) / NS_PER_S
 
+    def _seen(self):
+        """Return the obstacles that are seen from the car."""
+        stamp_ns, car = self.car.stamp_ns, self.car.state
+        t = self._since_start(stamp_ns)
+        return scenario.obstacles_at(self.setup.scn, t, stamp_ns, (car.X, car.Y))
+
     def _drive_on(self):
         """Let the controller drive until an obstacle is present."""
         setup = self.setup
-        if not setup.scn.actors or self.obstacles_at(self.car.stamp_ns).items:
+        if not setup.scn.actors or self._seen().items:
             return
         controller = simulation.make_controller(setup, self.car)
-        while not self.obstacles_at(self.car.stamp_ns).items:
+        while not self._seen().items:
             controller.set_obstacles(Obstacles(self.car.stamp_ns, ()))
             state = conversions.odometry_as_received(self.car.state)
             inputs = TickInputs(state, actuators=self.car.actuators)

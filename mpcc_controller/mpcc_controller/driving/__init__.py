@@ -20,7 +20,8 @@ last_resort          after an internal error: counted; braking that shares nothi
 actuator_monitor     compares measured actuators with set-points; what is planned with a fault
 setpoints            set-points of the actuators, and commands
 friction_estimate    friction of the road from the motion of the car
-obstacle_prediction  obstacles from messages to predictions: errors, braking, road, memory
+obstacle_prediction  obstacles from messages to predictions: hypotheses by likelihood
+obstacle_tracks      motion and existence of obstacles, from message to message
 measurement_errors   errors added to what is received, a test option
 delay_compensation   predicts the state to the effect of its command
 gate                 the last check of a command

@@ -31,6 +31,7 @@ from msgs_yaml.types import (
     Obstacle,
     Obstacles,
     Prediction,
+    Predictions,
     Reference,
     RoadEdges,
     VehicleState,
@@ -48,10 +49,10 @@ LEAST_AHEAD_M = 8.0
 class Controller:
     """Plans at every step and commands the first input of the plan.
 
-    Inputs are set by `set_reference`, `set_edges`, `set_obstacles` and `reset`; `step` answers a
-    state. `limit_time` (realtime) lets the solvers stop at their wall-time limits, plans from the
-    state at which the command will take effect, and counts the computing time in the gate. Without
-    it equal inputs give equal commands. `clock` [s] measures durations.
+    Inputs are set by `set_reference`, `set_edges`, `set_obstacles`, `set_predictions` and `reset`;
+    `step` answers a state. `limit_time` (realtime) lets the solvers stop at their wall-time limits,
+    plans from the state at which the command will take effect, and counts the computing time in the
+    gate. Without it equal inputs give equal commands. `clock` [s] measures durations.
 
     Between two steps all that it has learnt is `memory`, and all that it was told `scene`.
     """
@@ -117,6 +118,11 @@ class Controller:
     def set_obstacles(self, obstacles: Obstacles) -> None:
         """Set the obstacles as of their stamp."""
         self.scene = self.scene._replace(obstacles=obstacles)
+
+    def set_predictions(self, predictions: Predictions | None) -> None:
+        """Set what others predict of the obstacles, None for nothing; it ages by its stamp."""
+        by_id = {} if predictions is None else predictions.by_id
+        self.scene = self.scene._replace(predictions=by_id)
 
     def missing(self) -> tuple[str, ...]:
         """Return the names of the inputs that were never set."""
@@ -268,7 +274,8 @@ class Controller:
             ahead = max(AHEAD_S * max(x.vx, float(v_ref)), LEAST_AHEAD_M)
             arcs, _ = reference_path.arcs_at(scene.path, theta + ahead)
             obstacle = Obstacle(1, float(arcs.X), float(arcs.Y), 0.5, 0.0, 0.0)
-            emergency = scene._replace(obstacles=scene.obstacles._replace(items=(obstacle,)))
+            obstacles = scene.obstacles._replace(items=(obstacle,))
+            emergency = scene._replace(obstacles=obstacles, predictions={})
         try:
             for number in range(steps):
                 self.scene = emergency if number < EMERGENCIES else scene

@@ -43,6 +43,12 @@ class Parts:
                     f'candidates.{name}: is missing, and candidates.most is above 1; '
                     'allowed to be left out with candidates.most 1'
                 )
+        for name, value in vars(params.tracker).items():
+            if value is None and params.tracker.position_m is not None:
+                raise ParameterError(
+                    f'tracker.{name}: is missing, and tracker.position_m is given; '
+                    'allowed to be left out without that'
+                )
         self.solvers = TickSolvers(self.model, limit_time, clock)
         self.command_ns = round((params.delay.command_s or 0.0) * NS_PER_S)
         self.actuators = ActuatorMonitor(vehicle)

@@ -65,7 +65,7 @@ def plan(
         compare_s = parts.clock() - compared
         problems = {FOLLOWED: problem, **others}
         outcomes = choose.judge(problems, [first, *solutions], around, params)
-        path_sides = {h.obstacle.id: h.path_side for h in around.hazards if h.path_side != BEHIND}
+        path_sides = {h.id: h.path_side for h in around.hazards if h.path_side != BEHIND}
         choice, hold = choose.choose(outcomes, path_sides, candidacy.hold, params.candidates)
         candidacy = choose.keep(candidacy._replace(hold=hold), choice, params.candidates)
         problem, solution = choice.outcome.problem, choice.outcome.solution

@@ -96,8 +96,8 @@ class TickReporter:
             values[RESUMED] = True
         # obstacles that the problem has no room for
         if record.attempt is not None:
-            chosen = record.attempt.problem.parameters.obstacles
-            missing = stage_parameters.left_out(record.scene.obstacles, chosen)
+            placed = record.attempt.problem.parameters
+            missing = stage_parameters.left_out(record.scene.obstacles, placed)
             values |= {LEFT_OUT: missing} if missing else {}
         values['time.lead_ms'] = 1e3 * ns_to_s(record.effective_ns - inputs.state.stamp_ns)
         if inputs.publish_s is not None:
@@ -114,7 +114,8 @@ class TickReporter:
         if attempt is None:
             here = State(*(np.array([value]) for value in record.x0))
             known = record.scene.obstacles
-            _, near = stage_parameters.closest_discs(params, known, here)
+            rows = stage_parameters.closest_discs(params, known, here)
+            near = [known.items[row] for row in rows]
             return distances_now(record.x0, record.scene, near, params)
         parameters, scene = attempt.problem.parameters, attempt.problem.scene
         values = distances_now(attempt.problem.x0, scene, parameters.obstacles, params)
@@ -179,8 +180,8 @@ def distances_now(
     """Return the distances at this instant, to obstacles also in path coordinates.
 
     Each is that of the closest vehicle circle, of several circles that of each of them, too, and of
-    an obstacle of several discs that of the closest disc. The difference is positive where path
-    coordinates overestimate the distance.
+    the closest disc. The
+    difference is positive where path coordinates overestimate the distance.
     """
     radius = params.body.circle_radius_m
     circles = [distance.circle(x, offset, radius) for offset in params.body.circle_offsets_m]
@@ -191,8 +192,8 @@ def distances_now(
         frenet_disc = FrenetDisc(point.s, point.e, obstacle.r_obs)
         gaps = [float(distance.v2o(c, disc)) for c in circles]
         cartesian = min(gaps)
-        if values.get(f'v2o.{obstacle.id}', np.inf) <= cartesian:
-            continue
+        if cartesian >= values.get(f'v2o.{obstacle.id}', np.inf):
+            continue  # another disc of it is closer
         frenet = min(float(frenet_frame.v2o(c, radius, frenet_disc)) for c in circle_points)
         values[f'v2o.{obstacle.id}'] = cartesian
         values[f'v2o_frenet.{obstacle.id}'] = frenet
@@ -230,9 +231,9 @@ def _planned(evaluated: PlanValues, parameters: StageParameters, U: np.ndarray) 
     values = {'cost.total': sum(costs.values())}
     values |= {f'cost.{name}': cost for name, cost in costs.items()}
     values |= {f'weight.{name}': weight for name, weight in weights.items()}
-    for number, rows in stage_parameters.rows_by_id(parameters.obstacles).items():
-        D, q = (np.take(part, rows, 0) for part in (evaluated.v2o, evaluated.priority_o))
-        values |= _distance(f'v2o.{number}', D, np.max(q, 0), weights['v2o'])
+    slots = evaluated.v2o, evaluated.priority_o
+    for key, D, q in stage_parameters.by_object(parameters, *slots):
+        values |= _distance(f'v2o.{key}', D, q, weights['v2o'])
     for side, D, q in zip(('left', 'right'), evaluated.v2e, evaluated.priority_e):
         values |= _distance(f'v2e.{side}', D, q, weights['v2e'])
     for name, e in evaluated.tracking._asdict().items():

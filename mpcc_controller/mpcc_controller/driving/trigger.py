@@ -22,17 +22,19 @@ class Trigger:
     def __init__(self, step_s: float):
         self.step_ns = round(step_s * NS_PER_S)
         self.state = self.actuators = self.obstacles = self.answered = None
+        self.predictions = None
 
 
 class LockstepTrigger(Trigger):
     """Answers the states on tick boundaries for which the obstacles carry the same stamp.
 
-    The answer then depends on the messages and not on the order of their arrival. The first state
-    is answered when the actuators of the same stamp are known too, and so are all others of a car
-    whose actuators come `with_states`.
+    So do the predictions of obstacles where somebody sends some (`with_predictions`). The answer
+    then depends on the messages and not on the order of their arrival. The first state is answered
+    when the actuators of the same stamp are known too, and so are all others of a car whose
+    actuators come `with_states`.
     """
 
-    with_states = False
+    with_states = with_predictions = False
 
     def on_state(self, stamp_ns: int) -> bool:
         """Note the stamp of a state; return whether the state is to be kept."""
@@ -54,6 +56,8 @@ class LockstepTrigger(Trigger):
     def due(self) -> Due:
         """Return what to do with the state kept last; to be called once per message."""
         if self.state is None or self.obstacles != self.state:
+            return NOTHING
+        if self.with_predictions and self.predictions != self.state:
             return NOTHING
         begun = self._begins()
         if self.needs_actuators and self.actuators != self.state:

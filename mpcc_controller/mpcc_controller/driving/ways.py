@@ -16,7 +16,8 @@ from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import arc, frenet_frame, reference_path, road_edges
 from mpcc_controller.path.arc import Arc
-from mpcc_controller.problem.obstacle_motion import PredictedObstacle, motion_of
+from mpcc_controller.problem import obstacle_motion, stage_parameters
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle
 from mpcc_controller.problem.stage_parameters import Scene
 
 LEFT, RIGHT, BEHIND = 1, -1, 0  # BEHIND: not passed within the horizon
@@ -35,12 +36,17 @@ Sides = dict[int, int]  # by the id of the obstacle
 class Hazard(NamedTuple):
     """A dangerous obstacle beside the path, as a car that takes up the desired speed meets it."""
 
-    obstacle: PredictedObstacle
+    discs: tuple[PredictedObstacle, ...]  # those of it that are dangerous, of all hypotheses
     enter: float  # s, from then on it is beside the car
     leave: float  # s, until then
     lowest: float  # m, left of the path, the centres of its discs meanwhile
     highest: float  # m
     path_side: int  # on which the path passes it with room for the car, BEHIND if it does not
+
+    @property
+    def id(self) -> int:
+        """The id of the obstacle."""
+        return self.discs[0].id
 
 
 class RoadAhead(NamedTuple):
@@ -56,8 +62,8 @@ class RoadAhead(NamedTuple):
 
     @property
     def obstacles(self) -> list[PredictedObstacle]:
-        """The dangerous obstacles, in the same order."""
-        return [hazard.obstacle for hazard in self.hazards]
+        """The dangerous discs, in the same order."""
+        return [disc for hazard in self.hazards for disc in hazard.discs]
 
 
 def road_ahead(
@@ -82,17 +88,18 @@ def road_ahead(
     straight = np.column_stack(State(X, Y, arcs.psi, vx, zeros, zeros, theta, zeros, zeros))
     limit = params.safety.obstacle_m + params.candidates.danger_m
     gaps = np.min([least_gaps(X, scene, params) for X in (straight, *lines)], axis=0)
-    dangerous = np.flatnonzero(gaps < limit)
-    if not len(dangerous):
+    dangerous: dict[int, list[PredictedObstacle]] = {}
+    for o, gap in zip(scene.obstacles.items, gaps):
+        if gap < limit:
+            dangerous.setdefault(o.id, []).append(o)
+    if not dangerous:
         return None
     track = road_edges.track_beside(scene.road, arcs, params.surroundings.edge_window_m)
     centre = arc.contouring_error(arcs, track.centre.X, track.centre.Y)
     at_edges = params.body.edge_radius_m or params.body.circle_radius_m
     room = np.maximum(track.half_width - at_edges, 0)
-    items = scene.obstacles.items
-    X, Y, _, owner, _ = motion_of(items, len(t), params.model.step_s, params.safety.growth_mps or 0)
-    each = (_hazard(items[k], X[owner == k], Y[owner == k], arcs, params) for k in dangerous)
-    hazards = sorted(each, key=lambda h: h.enter)
+    met = (_hazard(discs, arcs, params) for discs in dangerous.values())
+    hazards = sorted(met, key=lambda h: h.enter)
     return RoadAhead(straight, arcs, vx, v_ref, centre - room, centre + room, tuple(hazards))
 
 
@@ -109,15 +116,15 @@ def travelled(vx: np.ndarray, dt: float) -> np.ndarray:
     return np.concatenate(([0], np.cumsum((vx[1:] + vx[:-1]) / 2 * dt)))
 
 
-def _hazard(obstacle, X, Y, arcs, params) -> Hazard:
-    """Return where a car along the path, at the speeds of `arcs`, meets an obstacle.
-
-    Its discs are at X, Y (discs, N + 1) [m].
-    """
-    dt, parts = params.model.step_s, []
-    touch = obstacle.r_obs + params.body.circle_radius_m
+def _hazard(discs, arcs, params) -> Hazard:
+    """Return where a car along the path, at the speeds of `arcs`, meets discs of an obstacle."""
+    dt = params.model.step_s
+    oX, oY, _ = obstacle_motion.stages(tuple(discs), len(arcs.X), dt)
+    lags, offsets = np.abs(arc.lag_error(arcs, oX, oY)), arc.contouring_error(arcs, oX, oY)
+    touch = discs[0].r_obs + params.body.circle_radius_m
     nose = max(map(abs, params.body.circle_offsets_m))
-    for ahead, e in zip(np.abs(arc.lag_error(arcs, X, Y)), arc.contouring_error(arcs, X, Y)):
+    stretches, sides = [], []
+    for ahead, e in zip(lags, offsets):
         # the stretch around the stage that is beside it: it may come beside the car again on a lap
         closest = int(np.argmin(ahead))
         beside = ahead < max(touch + nose, ahead[closest] + 1e-9)
@@ -126,12 +133,12 @@ def _hazard(obstacle, X, Y, arcs, params) -> Hazard:
             first -= 1
         while final < len(beside) - 1 and beside[final + 1]:
             final += 1
-        met = e[first : final + 1]
-        parts.append((first, final, float(np.min(met)), float(np.max(met))))
-    begin, end, low, high = zip(*parts)
-    lowest, highest = min(low), max(high)
+        stretches.append((first, final))
+        sides += [float(np.min(e[first : final + 1])), float(np.max(e[first : final + 1]))]
+    enter, leave = min(first for first, _ in stretches), max(final for _, final in stretches)
+    lowest, highest = min(sides), max(sides)
     side = LEFT if highest < -touch else RIGHT if lowest > touch else BEHIND
-    return Hazard(obstacle, dt * min(begin), dt * max(end), lowest, highest, side)
+    return Hazard(tuple(discs), dt * enter, dt * leave, lowest, highest, side)
 
 
 class Slot(NamedTuple):
@@ -180,7 +187,7 @@ def side_combinations(
                 t, e, rate = slot.leave, slot.offset, 0.0
             least_cost = max(slot.least_cost for slot in slots)
             shape = Profile(tuple(slots), acceleration, least_cost)
-            ways.append(({h.obstacle.id: side for h, side in zip(hazards, chosen)}, shape))
+            ways.append(({h.id: side for h, side in zip(hazards, chosen)}, shape))
     return sorted(ways, key=lambda way: way[1].acceleration)
 
 
@@ -192,7 +199,7 @@ def _slot_beside(
     first, final = round(hazard.enter / dt), min(round(hazard.leave / dt), last)
     right = float(np.max(around.right[first : final + 1]))
     left = float(np.min(around.left[first : final + 1]))
-    touch = hazard.obstacle.r_obs + params.body.circle_radius_m
+    touch = hazard.discs[0].r_obs + params.body.circle_radius_m
     if side == LEFT:
         right = max(right, hazard.highest + touch)
         wished = hazard.highest + touch + params.safety.obstacle_m
@@ -235,7 +242,8 @@ def least_gaps(X: np.ndarray, scene: Scene, params: ControllerParams) -> np.ndar
 def contact_speed(X: np.ndarray, scene: Scene, params: ControllerParams) -> float:
     """Return the relative speed [m/s] of the first contact of planned states (N + 1, 9).
 
-    0 without one. Circles that overlap by less than OVERLAP_M may be outlines that do not touch.
+    0 without one, and times the probability of the hypothesis. Circles that overlap by less than
+    OVERLAP_M may be outlines that do not touch.
     """
     if not scene.obstacles.items:
         return 0.0
@@ -247,7 +255,7 @@ def contact_speed(X: np.ndarray, scene: Scene, params: ControllerParams) -> floa
     vX, vY = obstacle.velocity(stage * params.model.step_s)
     vX = x.vx * math.cos(x.psi) - x.vy * math.sin(x.psi) - vX
     vY = x.vx * math.sin(x.psi) + x.vy * math.cos(x.psi) - vY
-    return max(math.hypot(vX, vY), LEAST_CONTACT_MPS)
+    return max(obstacle.probability * math.hypot(vX, vY), LEAST_CONTACT_MPS)
 
 
 def passed_sides(
@@ -255,26 +263,27 @@ def passed_sides(
 ) -> Sides:
     """Return the side on which planned states (N + 1, 9) pass each obstacle, by its id.
 
-    It counts where the car is beside a disc of it along the path, both at the same time, and at the
-    end of the horizon no more behind the centre of the disc.
+    It counts where the car is beside the obstacle along the path, both at the same time, and at the
+    end of the horizon no more behind its centre.
     """
     if not obstacles:
         return {}
     x = State(*X.T)
     arcs, _ = reference_path.arcs_at(scene.path, x.theta)
-    oX, oY, _, owners, _ = motion_of(tuple(obstacles), len(X), params.model.step_s, 0.0)
+    oX, oY, _ = obstacle_motion.stages(tuple(obstacles), len(X), params.model.step_s)
     cos_psi, sin_psi = np.cos(arcs.psi), np.sin(arcs.psi)
     ahead = cos_psi * (oX - x.X) + sin_psi * (oY - x.Y)
     aside = cos_psi * (oY - x.Y) - sin_psi * (oX - x.X)
     stages = np.argmin(np.abs(ahead), axis=1)
-    sides = {obstacle.id: BEHIND for obstacle in obstacles}
-    for row, (owner, stage) in enumerate(zip(owners, stages)):
-        obstacle, gap = obstacles[owner], ahead[row, stage]
+    sides = {}
+    for row, (obstacle, stage) in enumerate(zip(obstacles, stages)):
+        gap = ahead[row, stage]
         is_beside = abs(gap) < obstacle.r_obs + params.body.circle_radius_m
         # a plan that waits behind it and comes beside it at last has not passed it
         is_beside &= stage < len(X) - 1 or gap <= 0
-        if is_beside and sides[obstacle.id] == BEHIND:
-            sides[obstacle.id] = LEFT if aside[row, stage] < 0 else RIGHT
+        side = LEFT if aside[row, stage] < 0 else RIGHT
+        # of several discs that one which is passed, of the likeliest hypothesis
+        sides[obstacle.id] = sides.get(obstacle.id, BEHIND) or (side if is_beside else BEHIND)
     return sides
 
 
@@ -296,14 +305,5 @@ def is_same_way(sides: Sides, other: Sides) -> bool:
 
 def _gaps(X, scene, params) -> np.ndarray:
     """Return V2O [m] to each obstacle at each stage (n, N + 1)."""
-    x = State(*X.T)
-    growth = params.safety.growth_mps or 0.0
-    items, dt = scene.obstacles.items, params.model.step_s
-    oX, oY, radii, _, first = motion_of(items, len(X), dt, growth)
-    cos_psi, sin_psi = np.cos(x.psi), np.sin(x.psi)
-    square = np.inf
-    for offset in params.body.circle_offsets_m:
-        dX, dY = oX - x.X - offset * cos_psi, oY - x.Y - offset * sin_psi
-        square = np.minimum(square, dX**2 + dY**2)
-    gaps = np.sqrt(square) - radii - params.body.circle_radius_m
-    return np.minimum.reduceat(gaps, first, axis=0)
+    table = obstacle_motion.stages(scene.obstacles.items, len(X), params.model.step_s)
+    return stage_parameters.closest_gaps(State(*X.T), table, params)

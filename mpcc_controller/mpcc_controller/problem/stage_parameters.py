@@ -3,7 +3,9 @@
 Shared by all formulations. The names of the YAML files end here; SI units and symbols from here on.
 """
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,12 +13,12 @@ import numpy as np
 from mpcc_controller.model import stability
 from mpcc_controller.model.single_track import BLEND_FROM_MPS, Car, State
 from mpcc_controller.parameters import CarParams, ControllerParams
-from mpcc_controller.path import distance
 from mpcc_controller.path.distance import Disc
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.path.road_edges import Road
+from mpcc_controller.problem import obstacle_motion
 from mpcc_controller.problem.distance_frame import DistanceFrame
-from mpcc_controller.problem.obstacle_motion import PredictedObstacle, discs_of, motion_of
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle
 from mpcc_controller.problem.ocp import SafetyDistance
 from msgs_yaml.types import Obstacles
 from node_runtime import named_vector
@@ -32,6 +34,8 @@ class Scene(NamedTuple):
     path: ReferencePath | None
     road: Road | None
     obstacles: Obstacles | None
+    # where obstacles will be, from who knows: hypotheses by id
+    predictions: Mapping[int, Sequence[Any]] = MappingProxyType({})
 
 
 class StageParameters(NamedTuple):
@@ -39,8 +43,9 @@ class StageParameters(NamedTuple):
 
     stages: Any  # the parameters of a stage as the formulation names them, each leaf (N + 1,)
     P: np.ndarray  # (N + 1, np), the same as a matrix
-    # the discs in the problem, in the order of `stages.obstacles`
-    obstacles: tuple[PredictedObstacle, ...]
+    obstacles: tuple[PredictedObstacle, ...]  # the discs of which some have a place in the problem
+    # (slots, N + 1), which of them is in each of `stages.obstacles` at each stage
+    places: np.ndarray
 
 
 def car(params: ControllerParams, vehicle: CarParams) -> Car:
@@ -99,24 +104,86 @@ def constant_numbers(stages) -> np.ndarray:
 
 
 def obstacle_slots(params: ControllerParams, frame: DistanceFrame, scene: Scene, x: State):
-    """Return the discs of obstacles along the planned states `x` in a frame, and which they are.
+    """Return the discs along the planned states `x` in a frame, which they are, and their places.
 
-    Unused slots are filled with an obstacle far away.
+    Where there are more of them than slots and obstacles are tracked, the closest ones of each
+    stage count, else those that come closest at any stage. Unused slots are filled with an obstacle
+    far away.
     """
-    rows, chosen = closest_discs(params, scene.obstacles, x)
-    slots = ()
-    if rows:
-        growth = params.safety.growth_mps or 0.0
-        motion = motion_of(scene.obstacles.items, len(x.X), params.model.step_s, growth)
-        discs = (Disc(motion.X[row], motion.Y[row], motion.radius[row]) for row in rows)
-        slots = tuple(frame.obstacle(scene.path, disc, x) for disc in discs)
-    empty = params.surroundings.max_obstacles - len(slots)
-    return slots + (frame.empty_slot(x),) * empty, chosen
+    items, most, count = scene.obstacles.items, params.surroundings.max_obstacles, len(x.X)
+    table = obstacle_motion.stages(items, count, params.model.step_s)
+    if len(items) > most and params.tracker.position_m is not None:
+        chosen, gaps = items, closest_gaps(x, table, params)
+        places = np.sort(np.argpartition(gaps, most - 1, axis=0)[:most], axis=0)
+        discs = [Disc(*np.take_along_axis(table, row[None, None], 1)[:, 0]) for row in places]
+    else:
+        rows = closest_discs(params, scene.obstacles, x)
+        chosen = tuple(items[row] for row in rows)
+        places = np.repeat(np.arange(len(rows))[:, None], count, axis=1)
+        discs = [Disc(*table[:, row]) for row in rows]
+    slots = tuple(frame.obstacle(scene.path, disc, x) for disc in discs)
+    return slots + (frame.empty_slot(x),) * (most - len(slots)), chosen, places
+
+
+def closest_discs(params: ControllerParams, obstacles: Obstacles, x: State) -> list[int]:
+    """Return which discs the states `x` of the stages come closest to, ordered by id."""
+    items, count = obstacles.items, params.surroundings.max_obstacles
+    rows = range(len(items))
+    if len(items) > count:
+        table = obstacle_motion.stages(items, len(x.X), params.model.step_s)
+        gaps = np.min(closest_gaps(x, table, params), axis=1)
+        rows = np.argsort(gaps, kind='stable')[:count].tolist()
+    return sorted(rows, key=lambda row: items[row].id)
+
+
+def closest_gaps(x: State, table: np.ndarray, params: ControllerParams) -> np.ndarray:
+    """Return V2O [m] (n, k) of planned states to the discs of `obstacle_motion.stages`."""
+    oX, oY, radius = table
+    cos_psi, sin_psi = np.cos(x.psi), np.sin(x.psi)
+    square = np.inf
+    for offset in params.body.circle_offsets_m:
+        dX, dY = oX - x.X - offset * cos_psi, oY - x.Y - offset * sin_psi
+        square = np.minimum(square, dX**2 + dY**2)
+    return np.sqrt(square) - radius - params.body.circle_radius_m
+
+
+def by_object(parameters: StageParameters, v2o: Sequence[Any], priority: Sequence[Any]):
+    """Yield id, least V2O [m] and largest priority (N + 1,) of every obstacle in the problem.
+
+    v2o, priority: of every slot (N + 1,). Where an obstacle has no place V2O is infinite.
+    """
+    count = len(parameters.places)
+    if not count:
+        return
+    ids = np.array([o.id for o in parameters.obstacles])
+    held = ids[parameters.places]
+    for key in dict.fromkeys(held.ravel().tolist()):
+        D = np.where(held == key, np.array(v2o[:count]), np.inf)
+        q = np.where(held == key, np.array(priority[:count]), 0.0)
+        yield key, np.min(D, axis=0), np.max(q, axis=0)
+
+
+def left_out(obstacles: Obstacles, parameters: StageParameters) -> str:
+    """Return the ids of obstacles of which not all discs are in the problem, as words, or ''.
+
+    Where the places change from stage to stage those that are in it at no stage.
+    """
+    chosen, places = parameters.obstacles, parameters.places
+    inside = [chosen[k].id for k in np.unique(places)]
+    changes = bool(np.any(places != places[:, :1]))
+    missing: dict[str, list[str]] = {'wholly': [], 'in part': []}
+    for key, count in Counter(o.id for o in obstacles.items).items():
+        if key not in inside:
+            missing['wholly'].append(str(key))
+        elif not changes and count > inside.count(key):
+            missing['in part'].append(str(key))
+    return ', '.join(f'{", ".join(ids)} {kind}' for kind, ids in missing.items() if ids)
 
 
 def to_matrix(
     stages,
     obstacles: tuple[PredictedObstacle, ...],
+    places: np.ndarray,
     count: int,
     constants: np.ndarray | None = None,
 ) -> StageParameters:
@@ -135,45 +202,4 @@ def to_matrix(
         )
     for column, leaf in enumerate(varying, len(constants)):
         P[:, column] = leaf
-    return StageParameters(stages, P, obstacles)
-
-
-def closest_discs(
-    params: ControllerParams, obstacles: Obstacles, x: State
-) -> tuple[list[int], tuple[PredictedObstacle, ...]]:
-    """Return the discs that the states `x` of the stages come closest to, ordered by id.
-
-    With them their rows in the `Motion` of all obstacles.
-    """
-    items, count = obstacles.items, params.surroundings.max_obstacles
-    if not items:
-        return [], ()
-    X, Y, radius, owner, first = motion_of(items, len(x.X), params.model.step_s, 0.0)
-    rows = range(len(owner))
-    if len(owner) > count:
-        disc, r = Disc(X, Y, radius), params.body.circle_radius_m
-        circles = (distance.circle(x, offset, r) for offset in params.body.circle_offsets_m)
-        gaps = [np.min(distance.v2o(circle, disc), axis=1) for circle in circles]
-        rows = np.argsort(np.min(gaps, axis=0), kind='stable')[:count].tolist()
-    rows = sorted(rows, key=lambda row: items[owner[row]].id)
-    discs = (discs_of(items[owner[row]])[row - first[owner[row]]] for row in rows)
-    return rows, tuple(discs)
-
-
-def rows_by_id(discs: Iterable[PredictedObstacle]) -> dict[int, list[int]]:
-    """Return which of some discs are those of each obstacle, by its id."""
-    rows: dict[int, list[int]] = {}
-    for row, disc in enumerate(discs):
-        rows.setdefault(disc.id, []).append(row)
-    return rows
-
-
-def left_out(obstacles: Obstacles, chosen: Iterable[PredictedObstacle]) -> str:
-    """Return the ids of obstacles of which not all discs are chosen, as words; '' if all are."""
-    rows = rows_by_id(chosen)
-    missing = {o.id: 1 + len(o.others) - len(rows.get(o.id, ())) for o in obstacles.items}
-    kinds = {'wholly': [], 'in part': []}
-    for number, count in missing.items():
-        if count:
-            kinds['in part' if number in rows else 'wholly'].append(str(number))
-    return ', '.join(f'{", ".join(ids)} {kind}' for kind, ids in kinds.items() if ids)
+    return StageParameters(stages, P, obstacles, places)

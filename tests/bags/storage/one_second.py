@@ -23,6 +23,8 @@ def every_message():
     steps = [START_NS + k * 1_000_000 for k in range(TICKS * 50)]
     t = np.arange(51) * 0.05
     X = 20.0 * t
+    ahead = np.arange(51) / 16.0  # numbers of 32 bits hold it
+    covariance = np.zeros((51, 2, 2)) + np.diag([0.5, 0.25])
     return {
         '/scenario/reference': [types.Reference(START_NS, X, 0.1 * X, 0.01 * X, t)],
         '/scenario/road_edges': [
@@ -48,6 +50,12 @@ def every_message():
         '/vehicle/actuators': [
             types.Actuators(ns, 1e-4 * k, -0.1, -2.0 * k, -1.0 * k, FOUR)
             for k, ns in enumerate(steps)
+        ],
+        '/scenario/predictions': [
+            types.Predictions(
+                ns, {2: (types.Branch(ns, 0.5, ahead, 60.0 - k - ahead, ahead, covariance),)}
+            )
+            for k, ns in enumerate(ticks)
         ],
         '/vehicle/imu': [types.Imu(ns, 0.1 * k, -0.2 * k, 0.3) for k, ns in enumerate(steps[::10])],
         '/vehicle/wheels': [

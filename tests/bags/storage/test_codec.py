@@ -68,6 +68,8 @@ outer = st.builds(
 
 def assert_same(ours, theirs):
     """Compare messages of rosbags, or values of msgs_yaml.types, with what was read."""
+    if isinstance(theirs, dict):
+        ours, theirs = [*ours.items()], [*theirs.items()]
     if isinstance(theirs, np.ndarray):
         np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-9)
     elif isinstance(theirs, (list, tuple)):

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mpcc_controller.driving import measurement_errors
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.measurement_errors import measured_obstacles, measured_state
 from mpcc_controller.driving.records import unknown_state
@@ -94,6 +95,82 @@ def test_obstacles_drop_out_for_their_share_of_the_time_each_on_its_own(share, s
     gone = ~periods[:, 0]
     assert np.mean(gone, axis=0) == pytest.approx([share] * 2, abs=0.15)
     assert np.mean(np.all(gone, axis=1)) == pytest.approx(share**2, abs=0.15)
+
+
+LONE = Obstacles(TICK_NS, (Obstacle(1, 40.0, 0.0, 1.0, -8.0, 3.0),))
+GHOSTS = measurement_errors.GHOST_IDS
+
+
+def seen_over_time(params, count):
+    """Return the obstacles that are seen of a lone one in each of so many ticks."""
+    stamps = TICK_NS * np.arange(1, count + 1)
+    return [measured_obstacles(LONE, EGO, int(stamp), params).items for stamp in stamps]
+
+
+@pytest.mark.parametrize(
+    ('preset', 'position', 'velocity'),
+    [('tracker', 0.2, 0.5), ('lidar', 0.288 / 1.2533, 0.216 / 1.2533), ('camera', 0.62, 0.69)],
+)
+def test_a_preset_has_the_errors_of_its_source(preset, position, velocity):
+    ticks = seen_over_time(errors(preset=preset, seed=4), 3000)
+    real = [o for items in ticks for o in items if o.id == 1]
+    assert len(real) / len(ticks) == pytest.approx(0.95, abs=0.015)
+    error = np.array([(o.X - 40.0, o.Y, o.vX + 8.0, o.vY - 3.0) for o in real])
+    assert np.mean(error, axis=0) == pytest.approx(np.zeros(4), abs=0.04)
+    sizes = [position, position, velocity, velocity]
+    assert np.std(error, axis=0) == pytest.approx(sizes, rel=0.05)
+    assert np.corrcoef(error.T) == pytest.approx(np.eye(4), abs=0.07)
+    # a ghost lasts for 6 ticks, of which each misses 5 %
+    ghosts = np.array([any(o.id >= GHOSTS for o in items) for items in ticks])
+    assert np.mean(ghosts) == pytest.approx(0.05 * 0.95, abs=0.025)
+    assert measured_state(EGO, errors(preset=preset)) is EGO
+
+
+def test_what_is_given_wins_over_a_preset():
+    params = errors(preset='tracker', obstacle_noise_m=0.0, obstacle_dropout=0.0)
+    params = dataclasses.replace(params, obstacle_velocity_noise_mps=0.0, obstacle_ghosts=0.0)
+    assert see(TICK_NS, params) == WORLD.items
+
+
+def test_a_latency_shows_obstacles_where_they_were():
+    ((moved,),) = seen_over_time(errors(obstacle_latency_s=0.25), 1)
+    assert moved == LONE.items[0]._replace(X=42.0, Y=-0.75)
+
+
+def test_a_ghost_stands_ahead_while_the_car_drives_on_and_all_are_told_apart():
+    params, last = errors(obstacle_ghosts=0.5, seed=2), {}
+    for k in range(400):
+        s = 0.05 * k
+        cos, sin = np.cos(EGO.psi), np.sin(EGO.psi)
+        step = EGO.vx * cos - EGO.vy * sin, EGO.vx * sin + EGO.vy * cos
+        car = EGO._replace(X=EGO.X + s * step[0], Y=EGO.Y + s * step[1])
+        stamp_ns = TICK_NS * k
+        ghosts = measured_obstacles(Obstacles(stamp_ns, ()), car, stamp_ns, params).items
+        for ghost in ghosts:
+            period = stamp_ns // 300_000_000
+            if ghost.id in last:
+                assert pytest.approx(last[ghost.id][:2], abs=1e-6) == (ghost.X, ghost.Y)
+            else:
+                away = complex(ghost.X - car.X, ghost.Y - car.Y) * np.exp(-1j * car.psi)
+                assert 4.0 <= away.real <= 60.0
+                assert abs(away.imag) <= 6.1
+            assert ghost.id == GHOSTS + period
+            last[ghost.id] = ghost.X, ghost.Y
+    assert len(last) == pytest.approx(0.5 * 400 / 6, abs=15)
+    assert measured_obstacles(WORLD, unknown_state(0), 0, params) == WORLD
+
+
+def test_the_two_that_are_closest_exchange_their_ids_for_a_share_of_the_time():
+    three = Obstacles(0, (*WORLD.items, Obstacle(3, 92.0, 2.0, 0.5, 0.0, 0.0)))
+    params, swapped = errors(obstacle_swaps=0.3, seed=9), []
+    for k in range(2000):
+        seen = measured_obstacles(three, EGO, TICK_NS * k, params).items
+        assert seen[0] == three.items[0]
+        swapped.append([o.id for o in seen] == [1, 3, 2])
+        assert [o._replace(id=0) for o in seen] == [o._replace(id=0) for o in three.items]
+    periods = np.reshape(swapped, (-1, 10))  # 0.5 s each
+    assert np.all(periods == periods[:, :1])
+    assert np.mean(swapped) == pytest.approx(0.3, abs=0.1)
 
 
 def test_the_controller_plans_from_what_it_measures(world):

@@ -49,6 +49,16 @@ def test_lockstep_waits_for_obstacles_of_the_same_instant_in_either_order(lockst
     assert lockstep.due() == NOTHING
 
 
+def test_lockstep_waits_for_predictions_of_the_same_instant_where_somebody_sends_them(lockstep):
+    assert receive(lockstep, START) == FIRST
+    lockstep.with_predictions = True
+    assert receive(lockstep, START + TICK) == NOTHING
+    lockstep.predictions = START + TICK
+    assert lockstep.due() == STEP
+    lockstep.with_predictions = False
+    assert receive(lockstep, START + 2 * TICK) == STEP
+
+
 def test_lockstep_answers_later_states_with_their_actuators_where_these_come(lockstep):
     for k, comes in enumerate((True, True, False)):
         lockstep.with_states = comes

@@ -1,5 +1,7 @@
 """The problems: cost, constraints and numbers of the stages, against numbers made by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,7 +15,7 @@ from mpcc_controller.parameters import INTEGRATED
 from mpcc_controller.path import reference_path, road_edges
 from mpcc_controller.problem import bounds, frenet_formulation, ocp, stage_parameters
 from mpcc_controller.problem.frenet_formulation import FrenetState
-from mpcc_controller.problem.obstacle_motion import PredictedObstacle
+from mpcc_controller.problem.obstacle_motion import Course, PredictedObstacle
 from msgs_yaml.types import Obstacles, RoadEdges
 from node_runtime.parameters import ParameterError
 from stage_solver.stage_problem import Plan
@@ -170,28 +172,50 @@ def test_of_many_obstacles_those_nearest_to_the_plan_count_and_empty_slots_cost_
     assert np.all(free.values(wild(free.plan, SPREADS['mpcc'], 1)).costs.v2o == 0)
 
 
+T = DT * np.arange(N + 1)
+# it turns to the left, and what is known of it fades
+TURNING = Course(DT, 60.0 + 3.0 * T, 0.5 * T**2, 0.4 * T)
+
+
 @both
-def test_a_mover_moves_and_is_given_more_room_the_later_the_stage(pose, scene, name):
-    """Exactly growth times time; what stands, and stage 0, stay as they are."""
-    crowd, t = with_obstacles(scene, MOVING, STANDING), DT * np.arange(N + 1)
-    plain, grown = (
-        pose(START, name, crowd, drives=True, safety__growth_mps=g) for g in (None, 0.4)
-    )
-    assert grown.column('obstacles.0.r_obs') == pytest.approx(MOVING.r_obs + 0.4 * t)
-    assert np.all(grown.column('obstacles.1.r_obs') == STANDING.r_obs)
-    assert np.all(plain.column('obstacles.0.r_obs') == MOVING.r_obs)
+def test_an_obstacle_is_in_the_problem_where_and_as_large_as_it_is_predicted(pose, scene, name):
+    crowd = with_obstacles(scene, MOVING, MOVING._replace(course=TURNING), STANDING)
+    posed = pose(START, name, crowd, drives=True)
+    assert np.all(posed.column('obstacles.0.r_obs') == MOVING.r_obs)
+    assert posed.column('obstacles.1.r_obs') == pytest.approx(MOVING.r_obs + 0.4 * T)
+    assert np.all(posed.column('obstacles.2.r_obs') == STANDING.r_obs)
     if name == 'mpcc':
-        assert plain.column('obstacles.0.X') == pytest.approx(60.0 + 3.0 * t)
-        assert plain.column('obstacles.0.Y') == pytest.approx(0.5 * t)
+        for slot, Y in enumerate((0.5 * T, 0.5 * T**2)):
+            assert posed.column(f'obstacles.{slot}.X') == pytest.approx(60.0 + 3.0 * T)
+            assert posed.column(f'obstacles.{slot}.Y') == pytest.approx(Y)
 
 
-@pytest.mark.parametrize('growth', [None, 0.4])
-def test_plans_are_judged_by_the_distances_of_the_problem(world, pose, scene, growth):
-    crowd = with_obstacles(scene, MOVING, STANDING)
-    posed = pose(START, scene=crowd, drives=True, safety__growth_mps=growth)
-    params, _ = world.load(safety__growth_mps=growth)
-    judged = ways.least_gaps(posed.plan.X, crowd, params)
+def test_plans_are_judged_by_the_distances_of_the_problem(pose, scene):
+    crowd = with_obstacles(scene, MOVING._replace(course=TURNING), STANDING)
+    posed = pose(START, scene=crowd, drives=True)
+    judged = ways.least_gaps(posed.plan.X, crowd, posed.form.params)
     assert judged == pytest.approx([np.min(D) for D in posed.values().v2o[:2]], abs=1e-3)
+
+
+def test_of_more_discs_than_slots_the_closest_of_each_stage_have_a_place(pose, scene, world):
+    """A column of 24 m: the four discs beside the car differ along it; none is far from a place."""
+    column = [PredictedObstacle(7, 20.0 + 2.0 * k, 4.0, 1.0, 0.0, 0.0) for k in range(12)]
+    far = PredictedObstacle(8, 20.0, 500.0, 1.0, 0.0, 0.0)
+    params, _ = world.load()
+    params = replace(params, tracker=replace(params.tracker, position_m=0.1))
+    posed = pose(START, scene=with_obstacles(scene, far, *column), drives=True, params=params)
+    x = State(*posed.plan.X.T)
+    apart = np.array([np.hypot(o.X - x.X, o.Y - x.Y) for o in (far, *column)])
+    closest = np.sort(np.argsort(apart, axis=0)[:4], axis=0)
+    assert np.all(np.sort(posed.numbers.places, axis=0) == closest)
+    for slot in range(4):
+        held = [(far, *column)[k].X for k in posed.numbers.places[slot]]
+        assert posed.column(f'obstacles.{slot}.X') == pytest.approx(held)
+    values = posed.values()
+    [(key, D, _)] = stage_parameters.by_object(posed.numbers, values.v2o, values.priority_o)
+    radii = column[0].r_obs + params.body.circle_radius_m
+    assert key == 7
+    assert pytest.approx(np.min(apart, axis=0) - radii, abs=1e-3) == D
 
 
 def test_the_safety_distance_to_edges_fits_a_narrow_road(pose, still, scene):
