@@ -69,6 +69,22 @@ TABLE_MEANINGS = {
         'slip_angle_rad': f'slip angle{PER_WHEEL}',
         'force_y_n': f'lateral force in the frame of the tyre{PER_WHEEL}',
     },
+    '/sensors/inertial': {
+        'ax_mps2': 'measured longitudinal acceleration in the body, with the share of gravity',
+        'ay_mps2': 'measured lateral acceleration in the body, with the share of gravity',
+        'yaw_rate_radps': 'measured yaw rate, positive to the left',
+        'roll_rate_radps': 'measured roll rate, positive to the right',
+    },
+    '/sensors/chassis': {
+        'steer_rad': f'measured {STEER}',
+        'spin_radps': f'measured angular speed{PER_WHEEL}',
+    },
+    '/sensors/gnss': {
+        'x_m': 'measured X of the centre of gravity in the frame map',
+        'y_m': 'measured Y of the centre of gravity in the frame map',
+        'velocity_x_mps': 'measured velocity along X in the frame map',
+        'velocity_y_mps': 'measured velocity along Y in the frame map',
+    },
     '/controller/command': {
         'steer_rad': f'set-point due one controller period after the stamp: {STEER}',
         'steer_rate_radps': 'its mean rate towards the set-point',

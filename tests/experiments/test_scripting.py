@@ -170,3 +170,15 @@ def test_names_of_the_package():
     assert {'drive', 'drive_many', 'compare'} <= set(dir(experiments))
     with pytest.raises(AttributeError, match='no attribute'):
         experiments.drives  # noqa: B018
+
+
+def test_sensors_of_a_car_are_recorded_and_repeatable(run):
+    measured = drive(ROAD, sensors='automotive')
+    again = drive(ROAD, settings={'plant.sensors': 'sensors_automotive.yaml'})
+    other = drive(ROAD, settings={'plant.sensors_seed': 5}, sensors='automotive')
+    for topic in ('/sensors/inertial', '/sensors/chassis', '/sensors/gnss'):
+        assert measured.frame(topic).equals(again.frame(topic))
+        assert not measured.frame(topic).equals(other.frame(topic))
+        assert topic not in run.topics
+    with pytest.raises(BagError, match=r'sensors: .*sensors_automotive.yaml'):
+        drive(ROAD, sensors='nautical')
