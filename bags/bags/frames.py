@@ -47,6 +47,14 @@ TABLE_MEANINGS = {
         'vy_mps': 'lateral velocity at the centre of gravity, in base_link, positive to the left',
         'yaw_rate_radps': 'yaw rate, positive to the left',
     },
+    '/estimator/odometry': {
+        'x_m': 'estimated X of the centre of gravity in the frame map',
+        'y_m': 'estimated Y of the centre of gravity in the frame map',
+        'yaw_rad': 'estimated yaw in the frame map, in (-pi, pi]',
+        'vx_mps': 'estimated longitudinal velocity at the centre of gravity, in base_link',
+        'vy_mps': 'estimated lateral velocity, positive to the left',
+        'yaw_rate_radps': 'estimated yaw rate, positive to the left',
+    },
     '/vehicle/actuators': {
         'steer_rad': STEER,
         'steer_rate_radps': 'its rate',

@@ -39,7 +39,7 @@ SCENARIO_SETTINGS = {
     SCENARIO_SPEED: Annotated[float, SPEED],
     SCENARIO_FRICTION: schema.Friction,
 }
-ROLES = ('controller', 'plant')
+ROLES = ('controller', 'plant', 'estimator')
 SENSORS, SENSORS_SEED = 'sensors', 'sensors_seed'  # of the plant
 ANY_ROAD = 'straight'  # where only parameters matter
 CHANGED = 'changed since the command began; repeat it'
@@ -248,7 +248,9 @@ def key(row: Row) -> str:
 def _files(controller, words):
     """Return the parameters of controller, car and plant with the settings that are words."""
     setup = prepare(Row(ANY_ROAD, controller, words), any_car=True)
-    return repr((setup.controller, setup.params, setup.vehicle, setup.plant, setup.sensors))
+    return repr(
+        (setup.controller, setup.params, setup.vehicle, setup.plant, setup.sensors, setup.estimator)
+    )
 
 
 @cache

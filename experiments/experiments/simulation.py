@@ -12,8 +12,9 @@ from bags.errors import BagError
 from bags.evaluation.drive import LATERAL_LIMIT, Drive, drive_from_columns
 from bags.storage import columns
 from bags.storage.columns import Columns
-from experiments import plant_limit
+from experiments import estimation, plant_limit
 from experiments.configuration import inputs, node_config
+from experiments.estimation import Estimator
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.parameters import CarParams, ControllerParams
@@ -23,6 +24,7 @@ from msgs_yaml.types import VehicleState
 from node_runtime import parameters, provenance
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
+from state_estimator.parameters import EstimatorParams
 from vehicle_plant import road_friction
 from vehicle_plant.initial_state import Start
 from vehicle_plant.parameters import PlantParams, load_sensors
@@ -60,6 +62,7 @@ class Setup(NamedTuple):
     knows_limit: bool = True  # whether what the plant holds in a steady turn is found, if it does
     sensors: SensorParams | None = None  # of the car; None: it has none
     sensors_seed: int = 0  # of their errors
+    estimator: EstimatorParams | None = None  # None: the controller is fed the true state
 
     def __repr__(self) -> str:
         return f'Setup({self.controller!r}, {self.scn.name!r}, friction={self.friction:g})'
@@ -114,7 +117,10 @@ def prepare_scenario(
         inputs.check_car_fits(nodes, checked, *IN_PYTHON)
     params, vehicle = checked['controller']
     node, plant = checked['plant']
-    sensors = load_sensors(node)
+    sensors, given = load_sensors(node), settings.get(estimation.ROLE, {})
+    if given and not sensors:
+        raise BagError(f'estimator.{next(iter(given))} has no effect without plant.sensors')
+    believed = params.model.friction
     return Setup(
         chosen.name,
         scn,
@@ -124,6 +130,7 @@ def prepare_scenario(
         node.friction,
         sensors=sensors,
         sensors_seed=node.sensors_seed or 0,
+        estimator=sensors and estimation.estimator_params(sensors, believed, given),
     )
 
 
@@ -155,13 +162,17 @@ def run(
     controller = make_controller(setup, car)
     sensors = setup.sensors and Sensors(setup.sensors, setup.plant.car, setup.sensors_seed, car.now)
     readings = sensors.measure(car.now) if sensors else []
+    estimator = make_estimator(setup)
+    if estimator:
+        estimator.read(readings)
     tracks, obstacles, commands, plans, reports = [car.now], [], [], [], []
     while True:
         t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S
         obstacles.append(scenario.obstacles_at(scn, t, car.stamp_ns))
         controller.set_obstacles(obstacles[-1])
         # as over ROS, the final state is still answered
-        state = conversions.odometry_as_received(car.state)
+        state = estimator.state(car.stamp_ns) if estimator else car.state
+        state = conversions.odometry_as_received(state)
         record = controller.step(TickInputs(state, actuators=car.actuators))
         commands.append(record.command)
         reports.append(controller.reporter.why(record, explain))
@@ -172,7 +183,9 @@ def run(
         controller.prepare()
         tracks.append(plant_side.tick(record.command))
         if sensors:
-            readings += sensors.measure(tracks[-1])
+            arrived = sensors.measure(tracks[-1])
+            readings += arrived
+            estimator.read(arrived)
     values = {
         '/scenario/reference': [conversions.reference_as_received(scn.reference)],
         '/scenario/road_edges': [scn.edges],
@@ -183,7 +196,17 @@ def run(
         received = [conversions.prediction_as_received(plan) for plan in plans]
         values['/controller/prediction'] = received
     measured = {topic: [r.value for r in readings if r.topic == topic] for topic in TOPICS}
+    if estimator:
+        measured['/estimator/odometry'] = [e.state for e in estimator.estimates]
     return build_columns(join_trajectories(tracks), commands, values, measured if sensors else {})
+
+
+def make_estimator(setup: Setup) -> Estimator | None:
+    """Return the estimator between sensors and controller, None for a car without sensors."""
+    if setup.estimator is None:
+        return None
+    car = estimation.vehicle(setup.vehicle, setup.plant.car)
+    return Estimator(setup.estimator, car, setup.scn.start.psi)
 
 
 def make_controller(setup: Setup, car: Simulator) -> Controller:

@@ -30,6 +30,7 @@ TYPES = {
     '/sensors/inertial': Imu,
     '/sensors/chassis': Chassis,
     '/sensors/gnss': Gnss,
+    '/estimator/odometry': VehicleState,
     '/controller/command': Command,
 }
 HEADING = 'psi'

@@ -84,6 +84,9 @@ FORMS = {
     '/sensors/inertial': st.builds(types.Imu, STAMP, number(-99, 99), number(-99, 99), RATE, RATE),
     '/sensors/chassis': st.builds(types.Chassis, STAMP, STEER, four(-200, 600)),
     '/sensors/gnss': st.builds(types.Gnss, STAMP, METRES, METRES, SPEED, SPEED),
+    '/estimator/odometry': st.builds(
+        types.VehicleState, STAMP, METRES, METRES, ANGLE, SPEED, SPEED, RATE
+    ),
     '/controller/command': st.builds(types.Command, STAMP, STEER, RATE, FORCE, FORCE),
     '/scenario/reference': paths(types.Reference, 2),
     '/controller/prediction': paths(types.Prediction, 1),
@@ -161,6 +164,7 @@ UNLIMITED = {
     '/sensors/inertial': [ANY] * 4,
     '/sensors/chassis': [ANY, st.tuples(*[ANY] * 4)],
     '/sensors/gnss': [ANY] * 4,
+    '/estimator/odometry': (ANY, ANY, st.floats(-10, 10), ANY, ANY, ANY),
     '/vehicle/actuators': (*[ANY] * 4, ANY_FOUR),
     '/vehicle/wheels': [ANY_FOUR] * 7,
     '/controller/command': [ANY] * 4,

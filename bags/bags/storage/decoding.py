@@ -38,6 +38,7 @@ DECODERS = {
     '/sensors/inertial': decode.inertial,
     '/sensors/chassis': decode.chassis,
     '/sensors/gnss': decode.gnss,
+    '/estimator/odometry': decode.odometry,
     '/controller/command': decode.command,
     '/controller/prediction': decode.prediction,
     '/controller/why': decode.why,
