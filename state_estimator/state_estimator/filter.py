@@ -29,12 +29,11 @@ from state_estimator.estimate import DIVERGED, OK, Estimate
 from state_estimator.parameters import EstimatorParams, Vehicle
 from state_estimator.vehicle_model import G, RestDetector
 
-X, Y, PSI, VX, VY, B_AX, B_AY, B_R, MU = range(9)
 N = 9
+X, Y, PSI, VX, VY, B_AX, B_AY, B_R, MU = range(N)
 REPORTED = [X, Y, PSI, VX, VY, B_R]
 SLOW_MPS, CRAWL_MPS = 4.0, 1.0  # below them: no slip; no course
-FIX_LATE_S = 1.0  # a receiver is silent
-LATE_NS = 100_000_000  # a steering angle that is older says nothing
+FIX_LATE_S, LATE_NS = 1.0, 100_000_000  # a receiver is silent; an angle is too old
 MU_RANGE = 0.1, 1.3
 HISTORY_S = 0.6  # a fix that is older is not used
 LARGEST_OFFSET_NS = 20_000_000  # of a fix from the nearest message of the IMU
@@ -141,11 +140,12 @@ class Filter:
         F[VX, VY], F[VX, B_AX], F[VX, B_R] = r * dt, -dt, -vy * dt
         F[VY, VX], F[VY, B_AY], F[VY, B_R] = -r * dt, -dt, vx * dt
         F[MU, MU] = pull
-        pose, force = p.position_walk**2, p.acceleration_noise**2 + p.tilt_noise**2 * (1 + ay * ay)
-        bias, mu = p.acceleration_walk**2, 2.0 * p.friction_spread**2 / p.friction_time_s
-        Q = np.array([pose, pose, p.rate_noise**2, force, force, bias, bias, p.rate_walk**2, mu])
+        pose, white, bias = p.position_walk**2, p.acceleration_noise**2, p.acceleration_walk**2
+        lengthways, across = white + p.pitch_noise**2, white + p.roll_noise**2 * (1 + ay * ay)
+        mu = 2.0 * p.friction_spread**2 / p.friction_time_s
+        Q = [pose, pose, p.rate_noise**2, lengthways, across, bias, bias, p.rate_walk**2, mu]
         self._P = F @ self._P @ F.T
-        self._P.flat[:: N + 1] += dt * Q
+        self._P.flat[:: N + 1] += dt * np.array(Q)
         return F
 
     def _roll(self, imu, dt):
@@ -209,8 +209,8 @@ class Filter:
             sd = p.wheel_noise_mps + (p.wheel_error + p.slip_error * abs(slip)) * abs(speed)
             expected = speed * (1.0 + slip)
             innovation = omega * car.wheel_radius_m - expected
-            if abs(innovation) > 4.0 * math.sqrt(sd**2 + self._P[VX, VX]):
-                continue  # it locks or spins
+            if not abs(innovation) <= 4.0 * math.sqrt(sd**2 + self._P[VX, VX]):
+                continue  # it locks, spins or says nothing
             h = np.zeros(N)
             h[VX], h[VY] = c, s
             h[B_R] = wheel.y * c - wheel.x * s

@@ -37,7 +37,9 @@ class EstimatorParams(Struct):
     acceleration_bias_mps2: Annotated[float, Range(0.0, 5.0, 'm/s^2')]
     acceleration_noise: Annotated[float, Range(0.0, 1.0, 'm/s^2 per root Hz')]
     acceleration_walk: Annotated[float, Range(0.0, 1.0, 'm/s^2 per root second')]
-    tilt_noise: Annotated[float, Range(0.0, 1.0, 'm/s^2 per root Hz')]  # roll and pitch, at 1 m/s^2
+    # gravity by roll, at ay of 1 m/s^2, and by pitch
+    roll_noise: Annotated[float, Range(0.0, 1.0, 'm/s^2 per root Hz')]
+    pitch_noise: Annotated[float, Range(0.0, 1.0, 'm/s^2 per root Hz')]
     rate_bias_radps: Annotated[float, Range(0.0, 0.5, 'rad/s')]
     rate_noise: Annotated[float, Range(1e-6, 0.1, 'rad/s per root Hz')]
     rate_walk: Annotated[float, Range(0.0, 0.1, 'rad/s per root second')]
