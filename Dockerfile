@@ -26,6 +26,7 @@ COPY msgs_yaml/package.xml src/msgs_yaml/
 COPY node_runtime/package.xml src/node_runtime/
 COPY stage_solver/package.xml src/stage_solver/
 COPY scenario_publisher/package.xml src/scenario_publisher/
+COPY state_estimator/package.xml src/state_estimator/
 COPY mpcc_controller/package.xml src/mpcc_controller/
 COPY vehicle_plant/package.xml src/vehicle_plant/
 COPY bags/package.xml src/bags/
@@ -41,6 +42,7 @@ COPY msgs_yaml src/msgs_yaml
 COPY node_runtime src/node_runtime
 COPY stage_solver src/stage_solver
 COPY scenario_publisher src/scenario_publisher
+COPY state_estimator src/state_estimator
 COPY mpcc_controller src/mpcc_controller
 COPY vehicle_plant src/vehicle_plant
 COPY bags src/bags

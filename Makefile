@@ -34,7 +34,7 @@ BIN := $(VENV)/bin
 # wheels, never `setup.py install`: the pip of Debian 12 would put the commands elsewhere
 PIP := $(BIN)/pip --disable-pip-version-check --no-input
 INSTALL := $(BIN)/python .ci/install.py
-PACKAGES := msgs_yaml node_runtime stage_solver scenario_publisher mpcc_controller vehicle_plant bags experiments
+PACKAGES := msgs_yaml node_runtime stage_solver scenario_publisher state_estimator mpcc_controller vehicle_plant bags experiments
 # what an installation reads of them; code and data run from their source
 MANIFESTS := $(wildcard $(foreach name,setup.cfg setup.py package.xml scripts/* resource/*,\
   $(addsuffix /$(name),$(PACKAGES))))

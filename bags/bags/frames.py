@@ -48,6 +48,14 @@ TABLE_MEANINGS = {
         'vy_mps': 'lateral velocity at the centre of gravity, in base_link, positive to the left',
         'yaw_rate_radps': 'yaw rate, positive to the left',
     },
+    '/estimator/odometry': {
+        'x_m': 'estimated X of the centre of gravity in the frame map',
+        'y_m': 'estimated Y of the centre of gravity in the frame map',
+        'yaw_rad': 'estimated yaw in the frame map, in (-pi, pi]',
+        'vx_mps': 'estimated longitudinal velocity at the centre of gravity, in base_link',
+        'vy_mps': 'estimated lateral velocity, positive to the left',
+        'yaw_rate_radps': 'estimated yaw rate, positive to the left',
+    },
     '/vehicle/actuators': {
         'steer_rad': STEER,
         'steer_rate_radps': 'its rate',
@@ -69,6 +77,22 @@ TABLE_MEANINGS = {
         'force_x_n': f'longitudinal force in the frame of the tyre{PER_WHEEL}',
         'slip_angle_rad': f'slip angle{PER_WHEEL}',
         'force_y_n': f'lateral force in the frame of the tyre{PER_WHEEL}',
+    },
+    '/sensors/inertial': {
+        'ax_mps2': 'measured longitudinal acceleration in the body, with the share of gravity',
+        'ay_mps2': 'measured lateral acceleration in the body, with the share of gravity',
+        'yaw_rate_radps': 'measured yaw rate, positive to the left',
+        'roll_rate_radps': 'measured roll rate, positive to the right',
+    },
+    '/sensors/chassis': {
+        'steer_rad': f'measured {STEER}',
+        'spin_radps': f'measured angular speed{PER_WHEEL}',
+    },
+    '/sensors/gnss': {
+        'x_m': 'measured X of the centre of gravity in the frame map',
+        'y_m': 'measured Y of the centre of gravity in the frame map',
+        'velocity_x_mps': 'measured velocity along X in the frame map',
+        'velocity_y_mps': 'measured velocity along Y in the frame map',
     },
     '/controller/command': {
         'steer_rad': f'set-point due one controller period after the stamp: {STEER}',

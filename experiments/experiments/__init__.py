@@ -3,6 +3,7 @@
 Run
     scripting          `drive` and `drive_many`: drives from Python, results as DataFrames
     simulation         the closed loop in process, without ROS
+    estimation         the estimator between sensors and controller
     run                runs of the node graph: processes, recording, comparison
     configuration      nodes and parameters of a run, checked before it starts
     batch              a study file: scenarios, parameters and controllers, combined and driven

@@ -8,6 +8,7 @@ identifies the result: two rows with one key have equal results, but for computi
 import hashlib
 import json
 import time
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, lru_cache
 from pathlib import Path
@@ -39,7 +40,8 @@ SCENARIO_SETTINGS = {
     SCENARIO_FRICTION: schema.Friction,
     'scenario.predictions': Annotated[str, Choice(*get_args(schema.Predictions))],
 }
-ROLES = ('controller', 'plant')
+ROLES = ('controller', 'plant', 'estimator')
+SENSORS, SENSORS_SEED = 'sensors', 'sensors_seed'  # of the plant
 ANY_ROAD = 'straight'  # where only parameters matter
 CHANGED = 'changed since the command began; repeat it'
 SOLVED = 'solved'
@@ -186,6 +188,9 @@ def prepare(row: Row, any_car: bool = False, written: Callable[[str], str] = '{}
     scn, drawn = load_scenario(row, **changes)
     for role, values in drawn.items():
         settings[role] = {**values, **settings.get(role, {})}
+    if row.draw and SENSORS in settings.get('plant', ()):  # each draw is measured anew
+        number = zlib.crc32(repr(row.draw[:3]).encode()) >> 1
+        settings['plant'] = {SENSORS_SEED: number, **settings['plant']}
     source = scn.name if row.draw else row.scenario
     setup = simulation.prepare_scenario(scn, row.controller, settings, source, written, any_car)
     setup = setup._replace(knows_limit=row.knows_limit)
@@ -248,7 +253,9 @@ def key(row: Row) -> str:
 def _files(controller, words):
     """Return the parameters of controller, car and plant with the settings that are words."""
     setup = prepare(Row(ANY_ROAD, controller, words), any_car=True)
-    return repr((setup.controller, setup.params, setup.vehicle, setup.plant))
+    return repr(
+        (setup.controller, setup.params, setup.vehicle, setup.plant, setup.sensors, setup.estimator)
+    )
 
 
 @cache

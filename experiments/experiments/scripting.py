@@ -30,6 +30,7 @@ from bags.run import Run
 from bags.run_set import RunSet
 from bags.storage.columns import Columns
 from experiments import drive_row, simulation
+from experiments.commands import SENSORS, sensors_file
 from experiments.configuration import inputs, node_config
 from experiments.pool import Pool
 from msgs_yaml import share
@@ -54,6 +55,7 @@ def drive(
     plant: NameOrFile | None = None,
     any_car: bool = False,
     label: str = '',
+    sensors: NameOrFile | None = None,
 ) -> Run:
     """Simulate a scenario with a controller, in lockstep and without ROS, and return the run.
 
@@ -66,10 +68,14 @@ def drive(
                 what `identify` writes for it, as `controller.car_file`
     any_car     whether to drive also where the controller's car file is that of another car
     label       of the run in tables and figures; by default the controller, and what was set
+    sensors     of the car: consumer, automotive, survey, or a YAML file; None: truth alone
 
     Raises BagError for what is unknown or out of range; the message names it and what is allowed.
     """
-    task = _Task(scenario, controller, _with_plant(settings, plant), any_car)
+    settings = _with_plant(settings, plant)
+    if sensors is not None:
+        settings[SENSORS] = sensors_file(os.fspath(sensors))
+    task = _Task(scenario, controller, settings, any_car)
     label = label or task.label(task.settings)
     _check_problems([task])
     return task.run_of(simulation.run(task.setup), label)

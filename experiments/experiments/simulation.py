@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,8 +12,9 @@ from bags.errors import BagError
 from bags.evaluation.drive import LATERAL_LIMIT, Drive, drive_from_columns
 from bags.storage import columns
 from bags.storage.columns import Columns
-from experiments import plant_limit
+from experiments import estimation, plant_limit
 from experiments.configuration import inputs, node_config
+from experiments.estimation import Estimator
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.parameters import CarParams, ControllerParams
@@ -22,10 +24,12 @@ from msgs_yaml.types import VehicleState
 from node_runtime import parameters, provenance
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
+from state_estimator.parameters import EstimatorParams
 from vehicle_plant import road_friction
 from vehicle_plant.initial_state import Start
-from vehicle_plant.parameters import PlantParams
+from vehicle_plant.parameters import PlantParams, load_sensors
 from vehicle_plant.run_end import RunEnd
+from vehicle_plant.sensors import TOPICS, SensorParams, Sensors
 from vehicle_plant.simulator import Simulator
 from vehicle_plant.state import join_trajectories
 from vehicle_plant.stepping import LockstepStepper
@@ -37,6 +41,8 @@ PLANT_SETTINGS = (
     'model',
     'tyre_set',
     'command_delay_ms',
+    'sensors',
+    'sensors_seed',
     node_config.PLANT_DEFAULTS,
 )
 # how a script names another car file, and how it drives with any
@@ -54,6 +60,9 @@ class Setup(NamedTuple):
     plant: PlantParams
     friction: float  # of the road; the controller assumes params.model.friction
     knows_limit: bool = True  # whether what the plant holds in a steady turn is found, if it does
+    sensors: SensorParams | None = None  # of the car; None: it has none
+    sensors_seed: int = 0  # of their errors
+    estimator: EstimatorParams | None = None  # None: the controller is fed the true state
 
     def __repr__(self) -> str:
         return f'Setup({self.controller!r}, {self.scn.name!r}, friction={self.friction:g})'
@@ -108,7 +117,21 @@ def prepare_scenario(
         inputs.check_car_fits(nodes, checked, *IN_PYTHON)
     params, vehicle = checked['controller']
     node, plant = checked['plant']
-    return Setup(chosen.name, scn, params, vehicle, plant, node.friction)
+    sensors, given = load_sensors(node), settings.get(estimation.ROLE, {})
+    if given and not sensors:
+        raise BagError(f'estimator.{next(iter(given))} has no effect without plant.sensors')
+    believed = params.model.friction
+    return Setup(
+        chosen.name,
+        scn,
+        params,
+        vehicle,
+        plant,
+        node.friction,
+        sensors=sensors,
+        sensors_seed=node.sensors_seed or 0,
+        estimator=sensors and estimation.estimator_params(sensors, believed, given),
+    )
 
 
 def drive(setup: Setup) -> Drive:
@@ -137,6 +160,11 @@ def run(
     )
     plant_side = LockstepStepper(car, RunEnd(inputs.stop_params(scn), car.now))
     controller = make_controller(setup, car)
+    sensors = setup.sensors and Sensors(setup.sensors, setup.plant.car, setup.sensors_seed, car.now)
+    readings = sensors.measure(car.now) if sensors else []
+    estimator = make_estimator(setup)
+    if estimator:
+        estimator.read(readings)
     tracks, obstacles, predictions, commands, plans, reports = [car.now], [], [], [], [], []
     while True:
         t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S
@@ -147,7 +175,8 @@ def run(
             predictions.append(scenario.predictions_at(scn, t, obstacles[-1]))
             controller.set_predictions(predictions[-1])
         # as over ROS, the final state is still answered
-        state = conversions.odometry_as_received(car.state)
+        state = estimator.state(car.stamp_ns) if estimator else car.state
+        state = conversions.odometry_as_received(state)
         record = controller.step(TickInputs(state, actuators=car.actuators))
         commands.append(record.command)
         reports.append(controller.reporter.why(record, explain))
@@ -157,6 +186,10 @@ def run(
             break
         controller.prepare()
         tracks.append(plant_side.tick(record.command))
+        if sensors:
+            arrived = sensors.measure(tracks[-1])
+            readings += arrived
+            estimator.read(arrived)
     values = {
         '/scenario/reference': [conversions.reference_as_received(scn.reference)],
         '/scenario/road_edges': [scn.edges],
@@ -168,7 +201,18 @@ def run(
     if explain:
         received = [conversions.prediction_as_received(plan) for plan in plans]
         values['/controller/prediction'] = received
-    return build_columns(join_trajectories(tracks), commands, values)
+    measured = {topic: [r.value for r in readings if r.topic == topic] for topic in TOPICS}
+    if estimator:
+        measured['/estimator/odometry'] = [e.state for e in estimator.estimates]
+    return build_columns(join_trajectories(tracks), commands, values, measured if sensors else {})
+
+
+def make_estimator(setup: Setup) -> Estimator | None:
+    """Return the estimator between sensors and controller, None for a car without sensors."""
+    if setup.estimator is None:
+        return None
+    car = estimation.vehicle(setup.vehicle, setup.plant.car)
+    return Estimator(setup.estimator, car, setup.scn.start.psi)
 
 
 def make_controller(setup: Setup, car: Simulator) -> Controller:
@@ -210,13 +254,17 @@ def run_info(setup: Setup) -> dict[str, str]:
 
 
 def build_columns(
-    track: Any, commands: Sequence[Any], values: Mapping[str, Sequence[Any]]
+    track: Any,
+    commands: Sequence[Any],
+    values: Mapping[str, Sequence[Any]],
+    measured: Mapping[str, Sequence[Any]] = MappingProxyType({}),
 ) -> dict[str, Columns]:
     """Return the columns by topic.
 
     track     states of the plant, one row per millisecond, the first row is the start
     commands  one per tick
     values    values of `msgs_yaml.types` of every other topic, each with its stamp
+    measured  the messages of the sensors by topic
     """
     zero_ns = int(track.stamp_ns[0])
     slow = track.where(track.stamp_ns % SLOW_NS == 0)
@@ -228,6 +276,7 @@ def build_columns(
         '/vehicle/imu': slow.imu_columns(),
         '/vehicle/wheels': slow.wheel_columns(),
         '/controller/command': tuple(map(np.array, zip(*commands))),
+        **{topic: tuple(map(np.array, zip(*rows))) for topic, rows in measured.items()},
     }
     built = {}
     for topic, (stamp_ns, *fields) in tables.items():

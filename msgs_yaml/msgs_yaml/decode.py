@@ -44,6 +44,9 @@ odometry = partial(_flat, '/vehicle/odometry')
 imu = partial(_flat, '/vehicle/imu')
 actuators = partial(_flat, '/vehicle/actuators')
 wheels = partial(_flat, '/vehicle/wheels')
+inertial = partial(_flat, '/sensors/inertial')
+chassis = partial(_flat, '/sensors/chassis')
+gnss = partial(_flat, '/sensors/gnss')
 command = partial(_flat, '/controller/command')
 
 

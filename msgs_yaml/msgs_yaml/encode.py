@@ -47,6 +47,21 @@ def wheels(x: types.Wheels) -> JointState:
     return _flat('/vehicle/wheels', JointState, x)
 
 
+def inertial(x: types.Imu) -> Imu:
+    """Return /sensors/inertial."""
+    return _flat('/sensors/inertial', Imu, x)
+
+
+def chassis(x: types.Chassis) -> JointState:
+    """Return /sensors/chassis."""
+    return _flat('/sensors/chassis', JointState, x)
+
+
+def gnss(x: types.Gnss) -> Odometry:
+    """Return /sensors/gnss."""
+    return _flat('/sensors/gnss', Odometry, x)
+
+
 def command(x: types.Command) -> JointState:
     """Return /controller/command."""
     return _flat('/controller/command', JointState, x)

@@ -20,13 +20,17 @@ from typing import Any
 
 from msgs_yaml import conformance, contract, conversions, field_paths
 from msgs_yaml.contract import JOINT_ARRAYS, ContractError, Topic
-from msgs_yaml.types import WHEELS, Actuators, Command, Imu, VehicleState, Wheels
+from msgs_yaml.types import WHEELS, Actuators, Chassis, Command, Gnss, Imu, VehicleState, Wheels
 
 TYPES = {
     '/vehicle/odometry': VehicleState,
     '/vehicle/actuators': Actuators,
     '/vehicle/imu': Imu,
     '/vehicle/wheels': Wheels,
+    '/sensors/inertial': Imu,
+    '/sensors/chassis': Chassis,
+    '/sensors/gnss': Gnss,
+    '/estimator/odometry': VehicleState,
     '/controller/command': Command,
 }
 HEADING = 'psi'
@@ -184,7 +188,10 @@ def _message_fields(topic) -> Iterator[tuple[str, float | bytes, str]]:
     if topic.type == 'nav_msgs/msg/Odometry':
         yield from text(topic.child_frame)
         yield from numbers('pose.pose.position.{}', 'xyz')
-        yield from numbers('pose.pose.orientation.{}', 'xyzw')
+        if any(conformance.ORIENTATION in path for path in topic.fields):
+            yield from numbers('pose.pose.orientation.{}', 'xyzw')
+        else:
+            yield from constants(*_IDENTITY)
         yield from constants(*[0.0] * 36)  # covariance
         yield from numbers('twist.twist.linear.{}', 'xyz')
         yield from numbers('twist.twist.angular.{}', 'xyz')

@@ -38,7 +38,7 @@ class Actuators(NamedTuple):
 
 
 class Imu(NamedTuple):
-    """Accelerations at the CoG without gravity: /vehicle/imu."""
+    """Accelerations at the CoG without gravity: /vehicle/imu; with it: /sensors/inertial."""
 
     stamp_ns: int
     ax: float  # m/s^2, base_link
@@ -58,6 +58,24 @@ class Wheels(NamedTuple):
     Fx: tuple[float, float, float, float]  # N, in the tyre frame
     alpha: tuple[float, float, float, float]  # rad, slip angle
     Fy: tuple[float, float, float, float]  # N, in the tyre frame
+
+
+class Chassis(NamedTuple):
+    """What a car measures of its wheels and steering: /sensors/chassis."""
+
+    stamp_ns: int
+    delta: float  # rad, road-wheel angle
+    omega: tuple[float, float, float, float]  # rad/s, spin in the order of `WHEELS`
+
+
+class Gnss(NamedTuple):
+    """A fix of a receiver, moved to the CoG: /sensors/gnss."""
+
+    stamp_ns: int  # of the fix, before it arrives
+    X: float  # m, map
+    Y: float  # m, map
+    vX: float  # m/s, map
+    vY: float  # m/s, map
 
 
 class Command(NamedTuple):

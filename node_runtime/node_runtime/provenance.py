@@ -31,6 +31,7 @@ PACKAGES = (
     'msgs_yaml',
     'node_runtime',
     'scenario_publisher',
+    'state_estimator',
     'stage_solver',
     'vehicle_plant',
 )

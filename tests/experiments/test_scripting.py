@@ -170,3 +170,30 @@ def test_names_of_the_package():
     assert {'drive', 'drive_many', 'compare'} <= set(dir(experiments))
     with pytest.raises(AttributeError, match='no attribute'):
         experiments.drives  # noqa: B018
+
+
+def test_sensors_of_a_car_are_recorded_and_repeatable(run):
+    measured = drive(ROAD, sensors='automotive')
+    again = drive(ROAD, settings={'plant.sensors': 'sensors_automotive.yaml'})
+    other = drive(ROAD, settings={'plant.sensors_seed': 5}, sensors='automotive')
+    for topic in ('/sensors/inertial', '/sensors/chassis', '/sensors/gnss'):
+        assert measured.frame(topic).equals(again.frame(topic))
+        assert not measured.frame(topic).equals(other.frame(topic))
+        assert topic not in run.topics
+    with pytest.raises(BagError, match=r'sensors: .*sensors_automotive.yaml'):
+        drive(ROAD, sensors='nautical')
+
+
+def test_the_controller_of_a_car_with_sensors_is_fed_what_the_estimator_believes():
+    true, felt = drive(ROAD), drive(ROAD, sensors='automotive')
+    again = drive(ROAD, settings={'estimator.method': 'raw'}, sensors='automotive')
+    believed = felt.frame('/estimator/odometry')
+    actual = felt.frame('/vehicle/odometry').loc[believed.index]
+    assert 0 < (believed.vx_mps - actual.vx_mps).abs().max() < 0.2
+    commands = [one.frame('/controller/command').steer_rad for one in (true, felt, again)]
+    assert not commands[0].equals(commands[1])
+    assert not commands[1].equals(commands[2])
+    with pytest.raises(BagError, match=r'estimator.method has no effect without plant.sensors'):
+        drive(ROAD, settings={'estimator.method': 'raw'})
+    with pytest.raises(BagError, match=r"method: is 'best'; allowed filter or kinematic or raw"):
+        drive(ROAD, settings={'estimator.method': 'best'}, sensors='survey')

@@ -15,6 +15,7 @@ PACKAGES = (
     'node_runtime',
     'stage_solver',
     'scenario_publisher',
+    'state_estimator',
     'mpcc_controller',
     'vehicle_plant',
     'bags',

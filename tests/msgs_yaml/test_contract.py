@@ -115,6 +115,8 @@ def test_the_shipped_contract_names_every_topic_of_the_ring_and_what_others_deri
     of_nodes = {
         'scenario': 'reference road_edges obstacles predictions',
         'vehicle': 'odometry actuators imu wheels run_start',
+        'sensors': 'inertial chassis gnss',
+        'estimator': 'odometry',
         'controller': 'command prediction why',
         'markers': 'vehicle safety prediction',
     }

@@ -102,6 +102,12 @@ FORMS = {
         *(STAMP, four(-200, 600), TORQUE, four(0, 6e4), four(-100, 100)),
         *(four(-6e4, 6e4), four(-3.2, 3.2), four(-6e4, 6e4)),
     ),
+    '/sensors/inertial': st.builds(types.Imu, STAMP, number(-99, 99), number(-99, 99), RATE, RATE),
+    '/sensors/chassis': st.builds(types.Chassis, STAMP, STEER, four(-200, 600)),
+    '/sensors/gnss': st.builds(types.Gnss, STAMP, METRES, METRES, SPEED, SPEED),
+    '/estimator/odometry': st.builds(
+        types.VehicleState, STAMP, METRES, METRES, ANGLE, SPEED, SPEED, RATE
+    ),
     '/controller/command': st.builds(types.Command, STAMP, STEER, RATE, FORCE, FORCE),
     '/scenario/reference': paths(types.Reference, 2),
     '/controller/prediction': paths(types.Prediction, 1),
@@ -152,8 +158,8 @@ def test_decoding_undoes_encoding_to_the_last_bit_by_every_route(topic):
 
 def test_every_topic_is_tested():
     topics = contract.load().topics.values()
-    always = {topic.name for topic in topics if not topic.on_request}
-    assert set(FORMS) == always | {PREDICTIONS}
+    expected = {topic.name for topic in topics if not topic.on_request}
+    assert set(FORMS) == {*expected, PREDICTIONS, *flat_fields.TYPES}
     assert {*flat_fields.TYPES, '/scenario/reference', '/scenario/road_edges'} == set(FAST)
 
 
@@ -176,6 +182,10 @@ ANY_STAMP = st.integers(0, 2**31 * 10**9 - 1)
 UNLIMITED = {
     '/vehicle/odometry': (ANY, ANY, st.floats(-10, 10), ANY, ANY, ANY),
     '/vehicle/imu': [ANY] * 4,
+    '/sensors/inertial': [ANY] * 4,
+    '/sensors/chassis': [ANY, st.tuples(*[ANY] * 4)],
+    '/sensors/gnss': [ANY] * 4,
+    '/estimator/odometry': (ANY, ANY, st.floats(-10, 10), ANY, ANY, ANY),
     '/vehicle/actuators': (*[ANY] * 4, ANY_FOUR),
     '/vehicle/wheels': [ANY_FOUR] * 7,
     '/controller/command': [ANY] * 4,

@@ -18,6 +18,7 @@ ALLOWED = {
     'node_runtime': {'msgs_yaml'},
     'stage_solver': set(),
     'scenario_publisher': CONTRACT,
+    'state_estimator': CONTRACT,
     'mpcc_controller': CONTRACT | {'stage_solver'},
     'vehicle_plant': CONTRACT | {'stage_solver'},
     'bags': CONTRACT,
@@ -33,6 +34,7 @@ TYPED = {
     'node_runtime': '*.py',
     'stage_solver': '*.py',
     'scenario_publisher': '*.py',
+    'state_estimator': '*.py',
     'bags': '*run*.py',
     'experiments': '*.py',
 }

@@ -12,10 +12,12 @@ from node_runtime.parameter_docs import GroupDoc, ParameterDoc
 from node_runtime.parameters import Choice, ParameterError, Range, Struct
 from vehicle_plant import tyre_property_file
 from vehicle_plant.car import Car, MultiBodyParams, PlantParams, add_delay
+from vehicle_plant.sensors import SensorParams
 from vehicle_plant.tyre_coefficients import TyreCoefficients
 
 DEFAULT_CAR = 'bmw_545i.yaml'
-CAR_KEY, TYRE_KEY = 'tyre_set', 'reference.FNOMIN'  # parameters that no other file has
+# parameters that no other file has
+CAR_KEY, TYRE_KEY, SENSORS_KEY = 'tyre_set', 'reference.FNOMIN', 'receiver.outage'
 _find = partial(node_parameters.find_named_config, 'vehicle_plant')
 DOUBLE_TRACK, MULTI_BODY = 'double_track', 'commonroad_multi_body'  # models
 # the multi-body model is one car, which this file describes; parts of `car` that change with it
@@ -88,6 +90,9 @@ class NodeParams(Struct):
     # left out: true. Whether to send /tf and /tf_static, where tf2_msgs is installed
     publish_tf: bool | None
     imu_wheels_period_ms: Annotated[int, Range(1, 50, 'ms')]
+    # file of what the car senses, as sensors_automotive.yaml; left out: no sensors, truth alone
+    sensors: str | None
+    sensors_seed: Annotated[int, Range(0, 2**31 - 1, 'of their errors')] | None  # left out: 0
     command_age_s: Annotated[float, Range(0.05, 1.0, 's')]
     lockstep_timeout_s: Annotated[float, Range(0.1, 3600.0, 's')]
     start: StartParams
@@ -121,11 +126,19 @@ def load_tyre(
     return parameters.load(TyreCoefficients, path)
 
 
+def load_sensors(node: NodeParams, sources: Mapping[str, str] = NO_SOURCES) -> SensorParams | None:
+    """Return the errors of the sensors that the parameters name, None without. ParameterError."""
+    if node.sensors is None:
+        return None
+    return parameters.load(SensorParams, _find('sensors', node.sensors, SENSORS_KEY, sources))
+
+
 def plant_params(node: NodeParams, sources: Mapping[str, str] = NO_SOURCES) -> PlantParams:
     """Return the car with the tyre that it names; the delay of commands is in that of its servos.
 
     `sources` gives the origin of parameters, for errors. Raises ParameterError.
     """
+    load_sensors(node, sources)  # what is wrong with their file is found as early
     tyre = load_tyre(node.tyre_set, sources=sources)
     car = add_delay(node.car, node.command_delay_ms or 0)
     if node.model != MULTI_BODY:

@@ -1,4 +1,4 @@
-"""ROS node of the plant: commands in; odometry, actuators, imu, wheels and the clock out."""
+"""ROS node of the plant: commands in; state, sensors and the clock out."""
 
 import sys
 import time
@@ -14,10 +14,18 @@ from node_runtime.managed_node import ManagedNode
 from node_runtime.parameters import ParameterError
 from node_runtime.subscriptions_node import PublisherMonitor
 from stage_solver import compile_cache
-from vehicle_plant import health, initial_state, integrator, parameters, road_friction
+from vehicle_plant import (
+    health,
+    initial_state,
+    integrator,
+    parameters,
+    road_friction,
+    sensors,
+)
 from vehicle_plant.frames_node import FramesPublisher
 from vehicle_plant.gate import UNREADABLE
 from vehicle_plant.modes_node import LockstepMode, RealtimeMode
+from vehicle_plant.sensors import Sensors
 from vehicle_plant.simulator import STEP_NS, Simulator, model_of
 
 COMMAND = '/controller/command'
@@ -49,6 +57,9 @@ class PlantNode(ManagedNode):
         self.actuators_pub = ros.TemplatePublisher(self, '/vehicle/actuators')
         self.imu_pub = ros.TemplatePublisher(self, '/vehicle/imu')
         self.wheels_pub = ros.TemplatePublisher(self, '/vehicle/wheels')
+        self.sensor_params, self.sensors = parameters.load_sensors(self.params), None
+        topics = sensors.TOPICS if self.sensor_params else ()
+        self.sensor_pubs = {topic: ros.TemplatePublisher(self, topic) for topic in topics}
         self.health_pub = ros.publisher(self, '/diagnostics')
         self.frames = FramesPublisher(self, self.plant.car, self.params.publish_tf is not False)
         self.reference = None
@@ -115,12 +126,16 @@ class PlantNode(ManagedNode):
         return missing + ros.missing_subscriptions(self, {'/vehicle/odometry': 1})
 
     def simulator_at(self, stamp_ns: int) -> Simulator:
-        """Return the car at its start at a stamp."""
+        """Return the car at its start at a stamp; its sensors begin there."""
         if self.starts_at_reference:
             start = initial_state.start_from_reference(self.reference)
         else:
             start = initial_state.start_from_parameters(self.params.start)
-        return Simulator(self.plant, self.params.friction, start, stamp_ns, self.patches)
+        car = Simulator(self.plant, self.params.friction, start, stamp_ns, self.patches)
+        if self.sensor_params:
+            seed = self.params.sensors_seed or 0
+            self.sensors = Sensors(self.sensor_params, self.plant.car, seed, car.now)
+        return car
 
     def on_command(self, msg):
         """Pass a command to the mode; log it when it violates the contract or fails the gate."""
@@ -149,6 +164,8 @@ class PlantNode(ManagedNode):
         for imu, wheels in zip(slow.imu(), slow.wheels()):
             self.imu_pub.publish(imu)
             self.wheels_pub.publish(wheels)
+        for topic, value in self.sensors.measure(trajectory) if self.sensors else ():
+            self.sensor_pubs[topic].publish(value)
         self.frames.publish(trajectory)
 
     def publish_health(self, stepper, monitor, trajectory):

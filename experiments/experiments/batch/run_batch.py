@@ -12,7 +12,7 @@ from bags.errors import BagError
 from experiments import code_version, drive_row, row_runner
 from experiments.batch import study_file, study_rows
 from experiments.batch.study_file import StudyFile
-from experiments.drive_row import Row
+from experiments.drive_row import Pairs, Row
 from experiments.pool import Pool
 from experiments.progress import CountProgress
 from experiments.simulation import Setup
@@ -37,7 +37,8 @@ def run(
         CountProgress(console) as progress,
         Pool(options.jobs, options.dask, code_version.describe) as pool,
     ):
-        rows = check_rows(study, pool, progress)
+        given = drive_row.as_pairs(options.settings)
+        rows = check_rows(study, pool, progress, given)
         notes = {'study': study.text}
         lines = row_runner.run_rows(
             rows, options.out, pool, progress, options.time_limit_s, notes, drive
@@ -46,9 +47,16 @@ def run(
     return 1 if any(line['error'] for line in lines) else 0
 
 
-def check_rows(study: StudyFile, pool: Pool, progress: CountProgress) -> list[Row]:
-    """Check every combination of a study and return its rows. Raises BagError."""
-    combinations = study_rows.combine(study)
+def check_rows(
+    study: StudyFile, pool: Pool, progress: CountProgress, given: Pairs = ()
+) -> list[Row]:
+    """Check every combination of a study and return its rows. Raises BagError.
+
+    `given` are settings of all rows, over which those of the study win.
+    """
+    combinations = [
+        row._replace(settings=(*given, *row.settings)) for row in study_rows.combine(study)
+    ]
     rows = study_rows.rows_of(study, combinations)
     names = {drawn.name for drawn in study.drawn}
     # the drawn settings that are words, each combination of them once

@@ -11,6 +11,9 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
+GRADES = ('consumer', 'automotive', 'survey')  # of sensors
+SENSORS = 'plant.sensors'
+
 
 def number(kind: type, allowed: str, low: float = -inf, high: float = inf) -> Callable[[str], Any]:
     """Return the type of an argument: a number of a kind from `low` to `high`.
@@ -85,6 +88,30 @@ def add_time_limit(
         dest='time_limit_s',
         metavar='S',
         help=f'wall time after which {then} (default: {default_s:g} s)',
+    )
+
+
+class _Sensors(argparse.Action):
+    """Adds the setting of the plant that a grade stands for."""
+
+    def __call__(self, parser, namespace, values, option_string=None):
+        namespace.settings = [*namespace.settings, f'{SENSORS}={sensors_file(values)}']
+
+
+def sensors_file(grade: str) -> str:
+    """Return the file of a grade in vehicle_plant/config; a path stays as it is."""
+    return f'sensors_{grade}.yaml' if grade in GRADES else grade
+
+
+def add_sensors(parser: argparse.ArgumentParser) -> None:
+    """Add the option --sensors, which adds to the list `settings`."""
+    parser.add_argument(
+        '--sensors',
+        action=_Sensors,
+        default=argparse.SUPPRESS,
+        metavar='GRADE',
+        help=f'the car measures: {", ".join(GRADES)}, or a file as those in vehicle_plant/config; '
+        'the same as --set plant.sensors=FILE (default: no sensors)',
     )
 
 

@@ -22,6 +22,7 @@ from experiments.commands import (
     add_dask,
     add_jobs,
     add_list,
+    add_sensors,
     add_time_limit,
     count,
     positive_count,
@@ -75,6 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_list(parser, '--controller', text, 'mpcc_road', metavar='C')
     text = 'set a parameter of plant or controller'
     add_list(parser, '--set', text, dest='settings', metavar='NODE.param=value')
+    add_sensors(parser)
     parser.add_argument('--out', type=Path, metavar='PATH', help='receives table and records')
     add_jobs(parser, 'the table')
     add_dask(parser)

@@ -20,7 +20,7 @@ from pathlib import Path
 from rich.console import Console
 
 from bags.command_line import add_out
-from experiments.commands import add_list, add_time_limit
+from experiments.commands import add_list, add_sensors, add_time_limit
 
 HELP = 'run controllers through a scenario, record and compare them'
 EXAMPLE = 'experiments run double_lane_change --controller mpcc --set plant.friction=0.9'
@@ -58,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_out(parser, RUNS, '<scenario>/<controller>/ and the comparison')
     text = 'set a parameter of the plant, controller, scenario or recorder'
     add_list(parser, '--set', text, dest='settings', metavar='NODE.param=value')
+    add_sensors(parser)
     parser.add_argument(
         '--label',
         default='',

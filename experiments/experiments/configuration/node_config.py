@@ -26,13 +26,14 @@ from vehicle_plant.parameters import StopParams
 
 PYTHON = '.py'  # suffix of a program
 NO_OVERRIDES: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
-ROLES = ('recorder', 'scenario', 'controller', 'plant')
+ROLES = ('recorder', 'scenario', 'estimator', 'controller', 'plant')
 # package and file of the defaults that each node loads by itself, by role
 DEFAULTS = {
     'recorder': ('bags', 'recorder.yaml'),
     'controller': ('mpcc_controller', 'mpcc.yaml'),
     'plant': ('vehicle_plant', 'bmw_545i.yaml'),
     'scenario': ('scenario_publisher', 'scenario_node.yaml'),
+    'estimator': ('state_estimator', 'estimator.yaml'),
 }
 # of the plant, those of a start in a scenario, in their order
 START = ('x_m', 'y_m', 'yaw_rad', 'speed_mps', 'lateral_mps', 'yaw_rate_radps')

@@ -1,0 +1,209 @@
+"""The filter against the truth of the plant, and against least squares over a whole drive."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from estimated_drives import (
+    START,
+    car,
+    errors,
+    estimate,
+    grade,
+    moved,
+    params,
+    readings,
+    track,
+    without,
+)
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+
+from msgs_yaml.types import Chassis, Gnss, Imu
+from state_estimator.vehicle_model import tyre_force
+
+AT_THE_LIMIT = [(0.03, 2.0, 0.0), (0.06, 3.0, 9000.0), (0.08, 4.0, 0.0), (0.05, 1.5, 14000.0)]
+
+
+@pytest.mark.parametrize('name', ['consumer', 'automotive', 'survey'])
+def test_errors_are_within_the_stated_two_sigma_and_these_are_no_excuse(name):
+    all_errors, all_sds = [], []
+    for seed, course in enumerate(AT_THE_LIMIT * 2):
+        driven = track(*course)
+        _, results = estimate(readings(driven, name, seed), params(name))
+        for stack, values in zip((all_errors, all_sds), errors(driven, results)):
+            stack.append(values)
+    error, sd = np.vstack(all_errors), np.vstack(all_sds)
+    inside = (np.abs(error) <= 2 * sd).mean(axis=0)
+    assert np.all(inside >= 0.94), inside
+    sideslip = np.degrees(np.sqrt((error[:, 4] ** 2).mean()) / 20.0)
+    assert sideslip < {'consumer': 0.5, 'automotive': 0.3, 'survey': 0.25}[name]
+    assert np.degrees(np.median(sd[:, 4]) / 20.0) < 1.0
+
+
+def test_the_sideslip_is_less_than_half_as_wrong_as_by_integration():
+    worst = {}
+    for method in ('filter', 'kinematic', 'raw'):
+        squares = []
+        for course in AT_THE_LIMIT:
+            driven = track(*course)
+            _, results = estimate(readings(driven), params(method=method))
+            squares.append(errors(driven, results)[0][:, 4] ** 2)
+        worst[method] = np.sqrt(np.concatenate(squares).mean())
+    assert worst['filter'] < 0.5 * min(worst['kinematic'], worst['raw']), worst
+
+
+def test_a_slippery_road_is_told_from_the_tyres_that_slide():
+    driven = track(0.06, 3.0, 0.0, friction=0.45)
+    _, results = estimate(readings(driven))
+    assert min(r.friction for r in results) == pytest.approx(0.45, abs=0.12)
+    error, sd = errors(driven, results)
+    assert (np.abs(error[:, 4]) <= 2 * sd[:, 4]).mean() > 0.9
+
+
+def integrate(imus, first):
+    """Return pose and velocity (n, 5) at the stamps of the IMU, in steps of Heun."""
+    X, Y, psi, vx, vy, b_x, b_y, b_r = first
+    roll, pitch = 1 + 9.81 * car().roll_radps2, 1 + 9.81 * car().pitch_radps2
+    rows = [np.array([X, Y, psi, vx, vy])]
+
+    def slope(x, imu):
+        r = imu.r - b_r
+        c, s = np.cos(x[2]), np.sin(x[2])
+        ax, ay = (imu.ax - b_x) / pitch, (imu.ay - b_y) / roll
+        return np.array([x[3] * c - x[4] * s, x[3] * s + x[4] * c, r, ax + r * x[4], ay - r * x[3]])
+
+    for before, after in pairwise(imus):
+        dt = (after.stamp_ns - before.stamp_ns) / 1e9
+        k = slope(rows[-1], before)
+        rows.append(rows[-1] + dt / 2 * (k + slope(rows[-1] + dt * k, after)))
+    return np.array(rows)
+
+
+def test_without_noise_of_the_process_it_ends_where_least_squares_over_all_fixes_does():
+    """Late fixes, biases, prior: none of it may count twice, or not at all."""
+    nothing = {'tyre_noise_mps2': 5.0, 'tyre_time_s': 10.0, 'tyre_error': 1.0, 'misfit': 1000.0}
+    nothing |= {'wheel_noise_mps': 2.0, 'wheel_time_s': 10.0, 'wheel_error': 0.2, 'roll_noise': 0.0}
+    nothing |= {'acceleration_noise': 0.0, 'acceleration_walk': 0.0, 'rate_noise': 1e-6}
+    nothing |= {'rate_walk': 0.0, 'position_walk': 0.0, 'position_drift_m': 0.0}
+    nothing |= {'roll_time_s': 0.02, 'pitch_noise': 0.0}
+    p = params('consumer', **nothing)
+    driven = track(0.02, 2.0)
+    messages = readings(driven, 'consumer', 5)
+    # what an axle says is of no weight, and roll is steady: the roll rate is not told
+    messages = [
+        m._replace(value=m.value._replace(p=0.0)) if isinstance(m.value, Imu) else m
+        for m in messages
+    ]
+    _, results = estimate(messages, p)
+    imus = [m.value for m in messages if isinstance(m.value, Imu)]
+    fixes = [m.value for m in messages if isinstance(m.value, Gnss)]
+    first, *later = fixes
+    at = np.searchsorted([imu.stamp_ns for imu in imus], [fix.stamp_ns for fix in later])
+    late = (imus[0].stamp_ns - first.stamp_ns) / 1e9
+    speed, course = np.hypot(first.vX, first.vY), np.arctan2(first.vY, first.vX)
+    x0 = np.array([first.X + late * first.vX, first.Y + late * first.vY, course, speed, *[0.0] * 4])
+    at_m, slide = p.position_noise_m, p.start_sideslip_rad
+    yaw = np.hypot(p.velocity_noise_mps / speed, slide)
+    prior = np.diag(
+        [at_m**2, at_m**2, yaw**2, p.velocity_noise_mps**2,
+         p.velocity_noise_mps**2 + (slide * speed) ** 2,
+         p.acceleration_bias_mps2**2, p.acceleration_bias_mps2**2, p.rate_bias_radps**2]
+    )  # fmt: skip
+    prior[2, 4] = prior[4, 2] = -speed * slide**2
+    whiten = np.linalg.inv(np.linalg.cholesky(prior))
+
+    def residuals(x):
+        rows = integrate(imus, x)[at]
+        c, s = np.cos(rows[:, 2]), np.sin(rows[:, 2])
+        velocity = rows[:, 3] * c - rows[:, 4] * s, rows[:, 3] * s + rows[:, 4] * c
+        off = [
+            (rows[:, 0] - [f.X for f in later]) / at_m,
+            (rows[:, 1] - [f.Y for f in later]) / at_m,
+            (velocity[0] - [f.vX for f in later]) / p.velocity_noise_mps,
+            (velocity[1] - [f.vY for f in later]) / p.velocity_noise_mps,
+        ]
+        return np.concatenate([whiten @ (x - x0), *off])
+
+    whole = least_squares(residuals, x0, method='lm')
+    end = integrate(imus, whole.x)[-1]
+    believed, sd = results[-1].state, np.sqrt(np.diag(results[-1].covariance))
+    distance = (np.array(believed[1:6]) - end) / sd[:5]
+    assert np.abs(distance).max() < 0.35, distance
+    # how sure: by the slopes of the end over the first state
+    step = 1e-5
+    slopes = np.column_stack(
+        [(integrate(imus, whole.x + step * e)[-1] - end) / step for e in np.eye(8)]
+    )
+    cov = slopes @ np.linalg.inv(whole.jac.T @ whole.jac) @ slopes.T
+    assert sd[:5] == pytest.approx(np.sqrt(np.diag(cov)), rel=0.25)
+
+
+@given(
+    st.floats(-0.5, 0.5), st.floats(50.0, 200.0), st.floats(2.0, 10.0)
+)  # fmt: skip
+def test_the_slopes_of_the_tyre_are_those_of_its_force(tan_alpha, C, capacity):
+    force, over_slip, over_capacity = tyre_force(tan_alpha, C, capacity)
+    h = 1e-6
+    step = (tyre_force(tan_alpha + h, C, capacity)[0] - force) / h
+    assert over_slip == pytest.approx(step, abs=2e-2)
+    step = (tyre_force(tan_alpha, C, capacity + h)[0] - force) / h
+    assert over_capacity == pytest.approx(step, abs=1e-3)
+    assert abs(force) <= capacity * (1 + 1e-12)
+
+
+def test_what_is_missing_is_named_and_believed_less_and_comes_back():
+    driven = track(0.05, 2.0, seconds=8.0)
+    whole = readings(driven)
+    _, full = errors(driven, estimate(whole)[1])
+    for kind, name in ((Gnss, 'no receiver'), (Chassis, 'no chassis')):
+        estimator, results = estimate(without(whole, kind, 2.0, 5.0))
+        assert estimator.resets == 0
+        zero = results[0].state.stamp_ns
+        status = {round((r.state.stamp_ns - zero) / 1e9, 3): r.status for r in results}
+        assert (status[1.5], status[4.5], status[7.5]) == ('ok', name, 'ok')
+        error, sd = errors(driven, results)
+        assert (np.abs(error[:, :5]) <= 2.5 * sd[:, :5]).mean() > 0.93
+        lost = round(4.9 / 0.005)
+        blurred = slice(0, 2) if kind is Gnss else slice(3, 4)  # position; speed
+        assert np.all(sd[lost, blurred] > full[lost, blurred])
+
+
+def test_one_wrong_fix_is_left_out_and_a_receiver_that_stays_elsewhere_is_believed():
+    driven = track(0.02, 2.0, seconds=8.0)
+    whole = readings(driven)
+    estimator, results = estimate(moved(whole, 3.0, 3.1, 25.0))
+    assert estimator.resets == 0
+    assert np.abs(errors(driven, results)[0][:, 1]).max() < 0.2
+    estimator, results = estimate(moved(whole, 3.0, 99.0, 25.0))
+    assert estimator.resets == 1
+    assert errors(driven, results)[0][-1, 1] == pytest.approx(25.0, abs=0.2)
+
+
+def test_a_car_that_stands_is_known_to_stand():
+    driven = track(0.0, 1.0, seconds=12.0, stops=True)
+    assert np.hypot(*driven.state_columns()[4:6])[-1000:].max() < 0.01
+    _, results = estimate(readings(driven))
+    end = results[-1]
+    assert np.hypot(end.state.vx, end.state.vy) < 0.01
+    assert abs(end.state.r) < 0.01
+    headings = np.array([r.state.psi for r in results[-200:]])
+    assert np.ptp(headings) < 1e-3
+    assert abs(end.state.X - driven.state_columns().X[-1]) < 0.1
+
+
+def test_a_pause_of_the_imu_begins_anew():
+    driven = track(0.02, 2.0)
+    estimator, results = estimate(without(readings(driven), Imu, 2.0, 2.5))
+    assert estimator.resets == 1
+    assert np.abs(errors(driven, results)[0][-1, :2]).max() < 0.2
+
+
+def test_nothing_is_believed_before_every_sensor_has_spoken():
+    messages = readings(track(0.02, 2.0))
+    for kind in (Gnss, Chassis):
+        assert estimate(without(messages, kind, -1.0, 99.0))[1] == []
+    first = estimate(messages)[1][0]
+    assert first.state.psi == pytest.approx(START.psi, abs=0.05)
+    assert grade().receiver.latency_ms > 0

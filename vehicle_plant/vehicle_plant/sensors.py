@@ -1,0 +1,228 @@
+"""What a car senses of its motion: an IMU, wheel speeds and steering angle, a receiver. SI units.
+
+    IMU         accelerations in the rolling and pitching body, so gravity leaks into them; yaw and
+                roll rate. Constant bias, its random walk, white noise (IEEE Std 952 names them)
+    chassis     steering angle; wheel speeds from the teeth that passed and the times of the last
+                ones, as control units compute them: each lags, and ends at a crawl
+    receiver    position and velocity of the centre of gravity, which arrive late and may fail
+
+Errors are a function of the seed and the stamp: the same drive is measured alike again.
+"""
+
+import math
+from collections import deque
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from msgs_yaml.conversions import NS_PER_S
+from msgs_yaml.types import WHEELS, Chassis, Gnss, Imu
+from node_runtime.parameters import Range, Struct
+from vehicle_plant.car import Car
+from vehicle_plant.state import Trajectory
+
+TOPICS = INERTIAL, CHASSIS, GNSS = '/sensors/inertial', '/sensors/chassis', '/sensors/gnss'
+MS = 1_000_000  # ns
+STANDSTILL_S = 0.5  # without a tooth: a wheel stands
+# streams of random numbers, independent of each other
+OF_DRIVE, OF_IMU, OF_CHASSIS, OF_RECEIVER, OF_OUTAGE = range(5)
+Share = Range(0.0, 1.0, '-')
+
+
+class ImuErrors(Struct):
+    """Standard deviations of the IMU's errors."""
+
+    period_ms: Annotated[int, Range(1, 10, 'ms')]  # between two measurements
+    acceleration_bias_mps2: Annotated[float, Range(0.0, 5.0, 'm/s^2')]
+    acceleration_noise: Annotated[float, Range(0.0, 1.0, 'm/s^2 per root Hz')]
+    acceleration_walk: Annotated[float, Range(0.0, 1.0, 'm/s^2 per root second')]
+    rate_bias_radps: Annotated[float, Range(0.0, 0.5, 'rad/s')]
+    rate_noise: Annotated[float, Range(0.0, 0.1, 'rad/s per root Hz')]
+    rate_walk: Annotated[float, Range(0.0, 0.1, 'rad/s per root second')]
+
+
+class ChassisErrors(Struct):
+    """Errors of wheel speeds and steering angle."""
+
+    period_ms: Annotated[int, Range(1, 50, 'ms')]  # between two messages
+    teeth: Annotated[int, Range(10, 500, 'edges per turn of a wheel')]
+    radius_error: Annotated[float, Range(0.0, 0.1, '-')]  # of each rolling radius
+    steer_bias_rad: Annotated[float, Range(0.0, 0.1, 'rad')]
+    steer_noise_rad: Annotated[float, Range(0.0, 0.1, 'rad')]
+    steer_step_rad: Annotated[float, Range(0.0, 0.1, 'rad')]  # resolution
+
+
+class ReceiverErrors(Struct):
+    """Errors of the receiver."""
+
+    period_ms: Annotated[int, Range(10, 1000, 'ms')]  # between two fixes
+    latency_ms: Annotated[int, Range(0, 500, 'ms')]  # from a fix to its message
+    position_noise_m: Annotated[float, Range(0.0, 10.0, 'm')]  # white
+    position_drift_m: Annotated[float, Range(0.0, 10.0, 'm')]  # correlated in time
+    drift_s: Annotated[float, Range(1.0, 1e4, 's')]  # its time constant
+    velocity_noise_mps: Annotated[float, Range(0.0, 5.0, 'm/s')]  # along each axis
+    outage: Annotated[float, Share]  # share of time without fixes
+    outage_s: Annotated[float, Range(0.1, 60.0, 's')]  # duration of one
+
+
+class SensorParams(Struct):
+    """Errors of all sensors: config/sensors_automotive.yaml."""
+
+    imu: ImuErrors
+    chassis: ChassisErrors
+    receiver: ReceiverErrors
+
+
+class Reading(NamedTuple):
+    """A message of a sensor when it arrives."""
+
+    topic: str
+    value: Imu | Chassis | Gnss
+
+
+class Sensors:
+    """The sensors of one drive."""
+
+    def __init__(self, params: SensorParams, car: Car, seed: int, start: Trajectory):
+        """Begin at a trajectory of one row: the car came there at constant velocity."""
+        self._p, self._gravity, self._seed = params, car.body.gravity_mps2, seed
+        self._tooth = 2 * math.pi / params.chassis.teeth
+        self._start_ns = int(start.stamp_ns[0])
+        n = self._normal(OF_DRIVE, 0, 12)
+        imu, chassis = params.imu, params.chassis
+        scale = np.array([imu.acceleration_bias_mps2] * 2 + [imu.rate_bias_radps] * 2)
+        self._bias = scale * n[:4]
+        self._steer_bias = chassis.steer_bias_rad * n[4]
+        # as a control unit sees it, which divides by the radius that it knows
+        self._spin_scale = 1 + chassis.radius_error * n[5:9]
+        self._drift = params.receiver.position_drift_m * n[9:11]
+        self._omega = self._spins(start)[0]
+        self._angle = self._tooth * np.random.default_rng((seed, self._start_ns)).random(4)
+        self._teeth = np.zeros(4)
+        back = np.divide(self._angle, self._omega, out=np.zeros(4), where=self._omega != 0)
+        self._edge_ns = self._start_ns - NS_PER_S * np.minimum(np.abs(back), 1.0)
+        self._reported = self._teeth, self._edge_ns, self._omega
+        self._late: deque[tuple[int, Gnss]] = deque()  # arrival and fix
+        self._last_ns = self._start_ns - 1
+        self._newest: list[Reading] = []
+
+    def measure(self, trajectory: Trajectory) -> list[Reading]:
+        """Return the messages that arrive during consecutive rows, in order of arrival.
+
+        Rows that were measured before bring what arrived with the last one again.
+        """
+        if trajectory.stamp_ns[-1] <= self._last_ns:
+            return self._newest
+        teeth, edges_ns = self._pass_teeth(trajectory)
+        readings = []
+        p, states = self._p, trajectory.state_columns()
+        for i, ns in enumerate(trajectory.stamp_ns.tolist()):
+            arrived = [*self._receive(ns, [column[i] for column in states[1:]])]
+            if ns % (p.chassis.period_ms * MS) == 0:
+                steer = trajectory.column('servos.steer.position')[i]
+                arrived.append(self._chassis(ns, steer, teeth[i], edges_ns[i]))
+            if ns % (p.imu.period_ms * MS) == 0:
+                arrived.append(self._imu(ns, trajectory, i))
+            readings += arrived
+        self._last_ns, self._newest = ns, arrived
+        return readings
+
+    def _imu(self, ns, trajectory, i):
+        """Measure in the axes of the body: roll phi lifts its left side, pitch theta its rear."""
+        p, period_s = self._p.imu, self._p.imu.period_ms / 1000
+        names = 'acceleration.ax', 'acceleration.ay', 'ride.phi', 'ride.theta', 'planar.r', 'ride.p'
+        ax, ay, phi, theta, r, roll = (float(trajectory.column(name)[i]) for name in names)
+        n, g = self._normal(OF_IMU, ns, 8), self._gravity
+        walk = np.array([p.acceleration_walk] * 2 + [p.rate_walk] * 2) * math.sqrt(period_s)
+        noise = np.array([p.acceleration_noise] * 2 + [p.rate_noise] * 2) / math.sqrt(period_s)
+        self._bias = self._bias + walk * n[:4]
+        true = (
+            ax * math.cos(theta) - g * math.sin(theta),
+            ay * math.cos(phi) + g * math.sin(phi),
+            r,
+            roll,
+        )
+        return Reading(INERTIAL, Imu(ns, *(true + self._bias + noise * n[4:]).tolist()))
+
+    def _chassis(self, ns, steer, teeth, edge_ns):
+        p = self._p.chassis
+        delta = steer + self._steer_bias + p.steer_noise_rad * self._normal(OF_CHASSIS, ns, 1)[0]
+        if p.steer_step_rad:
+            delta = p.steer_step_rad * round(delta / p.steer_step_rad)
+        before, before_ns, omega = self._reported
+        passed, since_s = teeth - before, np.maximum(edge_ns - before_ns, 1.0) / NS_PER_S
+        waiting_s = np.maximum(ns - edge_ns, 1.0) / NS_PER_S
+        most = np.where(waiting_s < STANDSTILL_S, self._tooth / waiting_s, 0.0)
+        omega = np.where(passed != 0, passed * self._tooth / since_s, np.clip(omega, -most, most))
+        self._reported = teeth, edge_ns, omega
+        measured = tuple((omega * self._spin_scale).tolist())
+        return Reading(CHASSIS, Chassis(ns, float(delta), measured))
+
+    def _pass_teeth(self, trajectory):
+        """Return the teeth that have passed and when the last one did, (n, 4) each."""
+        omega = np.vstack([self._omega, self._spins(trajectory)])
+        turned = (omega[1:] + omega[:-1]) * 0.5e-3  # the mean of a step, which lasts 1 ms
+        if trajectory.stamp_ns[0] == self._start_ns:  # no time passes before the first row
+            turned[0] = 0.0
+        angle = np.cumsum(np.vstack([self._angle, turned]), axis=0)
+        teeth = np.floor(angle / self._tooth)
+        step = np.diff(angle, axis=0)
+        passed = np.diff(teeth, axis=0) != 0
+        edge = self._tooth * np.where(step > 0, teeth[1:], teeth[1:] + 1)
+        part = np.divide(edge - angle[:-1], step, out=np.ones_like(step), where=passed)
+        times = np.where(passed, (trajectory.stamp_ns[:, None] - MS) + MS * part, -np.inf)
+        edges_ns = np.maximum.accumulate(np.vstack([self._edge_ns, times]), axis=0)[1:]
+        self._omega, self._angle = omega[-1], angle[-1]
+        self._edge_ns = edges_ns[-1]
+        return teeth[1:], edges_ns
+
+    def _receive(self, ns, state):
+        """Take a fix where one is due, and yield those that arrive now."""
+        p = self._p.receiver
+        latency_ns = p.latency_ms * MS
+        if ns == self._start_ns:
+            X, Y, psi, vx, vy, _ = state
+            back_s = p.latency_ms / 1000
+            dX, dY = _to_map(psi, vx, vy)
+            before = X - dX * back_s, Y - dY * back_s, psi, vx, vy, 0.0
+            self._late.append((ns, self._fix(ns - latency_ns, before)))
+        elif ns % (p.period_ms * MS) == 0:
+            self._drift = self._next_drift(ns)
+            slot = ns // round(p.outage_s * NS_PER_S)
+            if self._uniform(OF_OUTAGE, slot) >= p.outage:
+                self._late.append((ns + latency_ns, self._fix(ns, state)))
+        while self._late and self._late[0][0] <= ns:
+            yield Reading(GNSS, self._late.popleft()[1])
+
+    def _fix(self, ns, state):
+        p, n = self._p.receiver, self._normal(OF_RECEIVER, ns, 4)
+        X, Y, psi, vx, vy, _ = state
+        dX, dY = _to_map(psi, vx, vy)
+        position = np.array([X, Y]) + self._drift + p.position_noise_m * n[:2]
+        velocity = np.array([dX, dY]) + p.velocity_noise_mps * n[2:]
+        return Gnss(ns, *position.tolist(), *velocity.tolist())
+
+    def _next_drift(self, ns):
+        """Return the next value of a Gauss-Markov process of first order."""
+        p = self._p.receiver
+        kept = math.exp(-p.period_ms / 1000 / p.drift_s)
+        n = self._normal(OF_RECEIVER, -ns, 2)
+        return kept * self._drift + math.sqrt(1 - kept**2) * p.position_drift_m * n
+
+    def _spins(self, trajectory):
+        return np.column_stack([trajectory.column(f'wheels.{w}.omega') for w in WHEELS])
+
+    def _normal(self, stream, instant, n):
+        return self._generator(stream, instant).standard_normal(n)
+
+    def _uniform(self, stream, instant):
+        return self._generator(stream, instant).random()
+
+    def _generator(self, stream, instant):
+        """Return a counter-based generator: its numbers are a function of the arguments."""
+        counter = (0, stream, instant % 2**64, 0)
+        return np.random.Generator(np.random.Philox(key=self._seed, counter=counter))
+
+
+def _to_map(psi, vx, vy):
+    return vx * math.cos(psi) - vy * math.sin(psi), vx * math.sin(psi) + vy * math.cos(psi)
