@@ -85,10 +85,12 @@ class Tolerances(Struct):
     rear_slip_excess_rad: Annotated[float, Range(1e-4, 1e3, 'rad')] | None
     # of the yaw rate, likewise
     yaw_rate_excess_radps: Annotated[float, Range(1e-4, 1e3, 'rad/s')] | None
+    # of the gap that lacks to `Envelope.time_gap_s`, likewise (mpcc only)
+    time_gap_lack_m: Annotated[float, Range(1e-3, 1e3, 'm')] | None
 
 
 class Envelope(Struct):
-    """Where the soft limits of stable handling begin, as shares; 1 where left out.
+    """Where the soft limits begin, of stable handling as shares; 1 where left out.
 
     A limit is in the problem where `Tolerances` has its tolerance.
     """
@@ -98,6 +100,8 @@ class Envelope(Struct):
     yaw_rate: (
         Annotated[float, Range(0.1, 2.0, 'share of the yaw rate that the friction keeps')] | None
     )
+    # to others ahead that move, in whose strip the plan is
+    time_gap_s: Annotated[float, Range(0.1, 10.0, 's of driving')] | None
 
 
 class Priorities(Struct):

@@ -181,9 +181,10 @@ def propose(
         passed = {key: followed.get(key, BEHIND) for key in sides}
         if shape.least_cost > known.cost or is_same_way(sides, passed):
             continue
-        solved = next((k for k in kept if agrees(k.sides, sides)), None)
+        name = ways.name_of(sides)
+        solved = next((k for k in kept if agrees(k.sides, sides) or k.name == name), None)
         along = partial(guesses.along_profile, around, shape, x0, car, params)
-        beside += candidates_of(ways.name_of(sides), solved, along)
+        beside += candidates_of(name, solved, along)
 
     def braking():
         plan = guesses.braking(guess.X, x0, car, params)
@@ -296,12 +297,15 @@ def keep_new_ways(
     """Keep the plans of outcomes that go another way, the cheapest first; other names wait."""
     kept, waits = known.kept, dict(known.waits)
     dear = DEAR * driven.whole_cost
+    # behind one far ahead plans of both sides are of one way: none of them has passed it yet
+    cheap = (1 - params.switch_share) * driven.whole_cost
     for outcome in sorted(outcomes, key=lambda o: o.whole_cost if o.is_usable else np.inf):
-        is_new = outcome.is_usable and not any(
-            is_same_way(outcome.sides, other.sides) for other in (driven, *kept)
-        )
-        if is_new:
-            name = BRAKE if outcome.name == BRAKE else ways.name_of(outcome.sides)
+        is_same = any(is_same_way(outcome.sides, other.sides) for other in (driven, *kept))
+        is_better = is_same and BEHIND in outcome.sides.values() and outcome.is_clean()
+        is_better &= outcome.name not in (FOLLOWED, BRAKE) and outcome.whole_cost < cheap
+        if outcome.is_usable and (is_better or not is_same):
+            is_named = is_better or outcome.name == BRAKE
+            name = outcome.name if is_named else ways.name_of(outcome.sides)
             rests = RESTS if driven.is_clean() and outcome.whole_cost > dear else 0
             kept = (*kept, Kept(name, outcome.sides, outcome.solution.plan, rests))
         elif outcome is not driven and outcome.name != FOLLOWED:

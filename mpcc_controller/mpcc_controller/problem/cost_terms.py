@@ -66,6 +66,7 @@ class CostTerm(NamedTuple):
 # m; the step of the baseline's priority changes by 80 % within 2.2 of these, 4 cm: a solver that
 # uses derivatives needs a continuous cost at contact
 STEP_BLEND = 0.02
+STRIP_BLEND_M = 0.5  # within it, at either side of a strip, the time gap comes to count
 
 
 def gaussian_priority(D, D_sft):
@@ -119,6 +120,14 @@ def _front_slip_excess(q: StageQuantities):
     return excess(alpha, q.p.envelope.front_slip * single_track.sliding_slips(q.p.car).f)
 
 
+def _time_gap_lack(q: StageQuantities):
+    needed, lacks = q.p.envelope.time_gap_s * q.x.vx, []
+    for lead in q.p.leads:
+        inside = (lead.reach - ca.fabs(q.tracking.con - lead.e)) / STRIP_BLEND_M
+        lacks.append(ca.fmax(q.x.theta + needed - lead.theta, 0) * ca.fmin(ca.fmax(inside, 0), 1))
+    return sum(lack**2 for lack in lacks)
+
+
 def _soft_limit(name, parameter, excess_of):
     """Return the term of an excess over the share `name` of `parameters.Envelope`."""
     return CostTerm(name, parameter, lambda q: excess_of(q) ** 2, optional=True, limit=name)
@@ -149,6 +158,14 @@ ENVELOPE = (
             q.x.r, q.p.envelope.yaw_rate * single_track.greatest_yaw_rate(q.x, q.p.car)
         ),
     ),
+)
+# the gap to who is ahead grows with the speed: ISO 15622, time gap
+TIME_GAP = CostTerm(
+    'time_gap',
+    'tolerances.time_gap_lack_m',
+    _time_gap_lack,
+    optional=True,
+    limit='time_gap_s',
 )
 INPUTS = (
     CostTerm('d_delta', 'tolerances.steer_rate_radps', lambda q: q.u.d_delta**2, uses_input=True),
@@ -185,6 +202,7 @@ MPCC = (
     ),
     *DISTANCES,
     *ENVELOPE,
+    TIME_GAP,
     *INPUTS,
 )
 # the baseline, in path coordinates
@@ -198,7 +216,7 @@ FRENET = (
 )
 
 # what is kept away from as long as it can be
-SOFT_LIMITS = (*(term.name for term in (*DISTANCES, *ENVELOPE)), 'slack', 'slow')
+SOFT_LIMITS = (*(term.name for term in (*DISTANCES, *ENVELOPE, TIME_GAP)), 'slack', 'slow')
 
 # the weights that are tuned in every formulation
 TUNED = (

@@ -16,16 +16,17 @@ from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.path import arc, distance, reference_path, road_edges
 from mpcc_controller.path.arc import Arc
 from mpcc_controller.path.reference_path import ReferencePath
-from mpcc_controller.problem import cost_terms, ocp
+from mpcc_controller.problem import cost_terms, ocp, time_gaps
 from mpcc_controller.problem.cost_terms import CostTerm, StageQuantities
 from mpcc_controller.problem.distance_frame import FRAMES
 from mpcc_controller.problem.formulation import Formulation
 from mpcc_controller.problem.ocp import Constraints, Rules, SafetyDistance, VehicleCircles
 from mpcc_controller.problem.stage_parameters import Scene
+from mpcc_controller.problem.time_gaps import STRIPS, Lead
 
 # The solver's units: forces in kN, everything else in SI
 SCALE_X = State(X=1, Y=1, psi=1, vx=1, vy=1, r=1, theta=1, delta=1, Fx=1e3)
-ARC = Arc(*Arc._fields)  # without meaning
+ARC, LEADS = Arc(*Arc._fields), (Lead(*Lead._fields),) * len(STRIPS)  # without meaning
 LEAST_EDGE_M = 0.05  # D_sft,E on the narrowest road
 
 
@@ -42,6 +43,7 @@ class Stage(NamedTuple):
     v_ref: Any  # m/s
     centre: Arc  # of the road, along the distance of the path
     half_width: Any  # m, from the centre to the edges
+    leads: tuple[Lead, ...]  # see `time_gaps.leads`
     edges: Any  # as in the distance frame
     obstacles: tuple  # the same
 
@@ -76,7 +78,7 @@ class MpccFormulation(Formulation):
     """The paper's MPCC; see `formulation.Formulation`."""
 
     state, scale_x, stage = State, SCALE_X, Stage
-    template = (('path', ARC), ('centre', ARC), ('half_width', 'half_width'))
+    template = (('path', ARC), ('centre', ARC), ('half_width', 'half_width'), ('leads', LEADS))
     quantities, constraints = staticmethod(quantities), staticmethod(constraints)
     tuned_weights = (*cost_terms.TUNED, 'tolerances.lag_m')
     distances = tuple(FRAMES)
@@ -98,7 +100,8 @@ class MpccFormulation(Formulation):
         aligned = bool(self.params.surroundings.align_track)
         track = road_edges.track_beside(scene.road, arcs, window, aligned)
         reference, v_ref = self.reference(scene.path, x)
-        own = {'path': reference, 'v_ref': v_ref, **track._asdict()}
+        leads = time_gaps.leads(scene, x, self.params)
+        own = {'path': reference, 'v_ref': v_ref, 'leads': leads, **track._asdict()}
         if self.params.safety.fit_edges:
             # where the road is narrow, at most the room beside a car in the middle: a distance that
             # no line keeps would cost wherever the car drives, and to stand before the passage

@@ -101,6 +101,16 @@ def test_of_two_plans_of_a_way_the_cheaper_one_in_the_end_is_kept_once(rules):
     assert after.kept == (kept,)
 
 
+def test_behind_one_far_ahead_a_cheaper_plan_of_either_side_is_kept_by_its_name(rules):
+    behind = outcome(100.0, BEHIND)
+    better, hardly = (outcome(cost, BEHIND)._replace(name='left of 1') for cost in (70.0, 99.0))
+    (kept,) = choose.keep_new_ways(Candidacy(), behind, [better], rules).kept
+    assert (kept.name, kept.plan) == ('left of 1', better.solution.plan)
+    brake = outcome(70.0, BEHIND)._replace(name=BRAKE)
+    for other in (hardly, brake, better._replace(least_gap=-0.05)):
+        assert choose.keep_new_ways(Candidacy(), behind, [other], rules).kept == ()
+
+
 def test_what_is_remembered_of_useless_guesses_does_not_grow_without_bound(rules):
     known, driven = Candidacy(), outcome(9.0)
     for key in range(1000):

@@ -4,6 +4,7 @@ compute_metrics(drive)   every metric of a drive by name
 registry                 the decorator `@metric`: how to add a metric
 outcome                  finish line, collisions, clearances, road departure, loss of control
 survival                 the judge of emergencies: did the car come through, and if not, why
+rules                    what people expect among others: the own lane, who comes, who is ahead
 driving                  tracking, sideslip, braking, steering, grip, solve times, deadline misses
 
 Stations ("at_m") are metres along the reference, `x_m` is the map's x. A metric that has no
@@ -17,6 +18,7 @@ from bags.evaluation.drive import Drive, drop_nonfinite
 # their metrics come in this order in comparison.json and in the printed table
 from bags.evaluation.metrics import outcome  # isort: skip
 from bags.evaluation.metrics import survival  # noqa: F401 # isort: skip
+from bags.evaluation.metrics import rules  # noqa: F401 # isort: skip
 from bags.evaluation.metrics import driving  # noqa: F401 # isort: skip
 from bags.evaluation.metrics.registry import METRICS, EvaluatedDrive
 
