@@ -1,4 +1,4 @@
-"""A log in SI units at the CoG, at 100 Hz and filtered; what is missing or wrong is marked.
+"""A log in SI units at the CoG, at 50 Hz and filtered; what is missing or wrong is marked.
 
 Spikes are replaced where they are short; gaps, longer spikes and a signal that stands still while
 the car turns are left out of everything that follows. `Log.notes` says how much that was.
@@ -13,7 +13,7 @@ from bags.errors import BagError
 from experiments.measured import log_checks, log_readers
 from experiments.measured.log_map import LogMap
 
-STEP_S = 0.01
+STEP_S = 0.02
 LOW_PASS_HZ = 8.0
 LEAST_RATE_HZ = 20.0
 LONGEST_GAP_STEPS = 2.5  # of the median time between two rows
@@ -29,7 +29,7 @@ NORMAL_MAD = 1.4826
 
 
 class Log(NamedTuple):
-    """Motion of the CoG, arrays (n,) every `STEP_S`; NaN where `ax` was not measured."""
+    """Motion of the CoG, arrays (n,) every `STEP_S`."""
 
     name: str
     t: np.ndarray  # s
@@ -93,18 +93,18 @@ def _at_cog(name, t, signals, wrong, gaps, step, log_map, notes):
     cutoff = min(LOW_PASS_HZ, 0.4 / step)
     low_pass = butter(2, cutoff, fs=1 / step, output='sos')
 
-    def smooth(values):
-        return np.interp(grid, even, sosfiltfilt(low_pass, np.interp(even, t, values)))
-
-    steer, vx, vy, r = (smooth(signals[n]) for n in ('steer', 'vx', 'vy', 'yaw_rate'))
+    steer, vx, vy, r = (
+        sosfiltfilt(low_pass, np.interp(even, t, signals[n]))
+        for n in ('steer', 'vx', 'vy', 'yaw_rate')
+    )
     sensor = log_map.columns.sensor
     vx = vx + (sensor.left_m or 0.0) * r
     vy = vy - (sensor.ahead_m or 0.0) * r
+    ax, ay = np.gradient(vx, step) - vy * r, np.gradient(vy, step) + vx * r
     valid = np.interp(grid, t, wrong) == 0
     for k in gaps:
         valid &= (grid < t[k] - AROUND_GAP_S) | (grid > t[k + 1] + AROUND_GAP_S)
-    ax = np.gradient(vx, STEP_S) - vy * r
-    ay = np.gradient(vy, STEP_S) + vx * r
+    steer, vx, vy, r, ax, ay = (np.interp(grid, even, x) for x in (steer, vx, vy, r, ax, ay))
     return Log(name, grid - t[0], steer, vx, vy, r, ax, ay, valid, tuple(notes))
 
 
