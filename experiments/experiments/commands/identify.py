@@ -21,6 +21,8 @@ from msgs_yaml.strict_yaml import closest
 HELP = "the controllers' car from recorded driving, with intervals"
 EXAMPLE = 'experiments identify step.vbo slalom.vbo --held-out sine.vbo --map car.map.yaml --out car.yaml'
 
+FILE_WIDTH = 160
+
 
 def add_log_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the logs and their map."""
@@ -47,6 +49,8 @@ def run(options: argparse.Namespace) -> int:
     from experiments.measured import fit_report, log_map, measured_log, single_track_fit
 
     console = Console()
+    if not console.is_terminal:
+        console.width = FILE_WIDTH
     known = log_map.load(options.map)
     logs = [measured_log.load(path, known) for path in options.logs]
     held_out = [measured_log.load(path, known) for path in options.held_out]

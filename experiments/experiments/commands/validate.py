@@ -15,7 +15,7 @@ from rich.console import Console
 
 from bags.command_line import add_out, print_paths
 from bags.errors import BagError
-from experiments.commands.identify import add_log_arguments
+from experiments.commands.identify import FILE_WIDTH, add_log_arguments
 
 HELP = 'errors of the prediction model and the plant against recorded driving'
 EXAMPLE = 'experiments validate sine.vbo --map car.map.yaml --car ./car.yaml --out runs/validation'
@@ -46,6 +46,8 @@ def run(options: argparse.Namespace) -> int:
     from vehicle_plant import parameters
 
     console = Console()
+    if not console.is_terminal:
+        console.width = FILE_WIDTH
     known = log_map.load(options.map)
     car = car_file.read(options.car)
     path = node_parameters.find_config('mpcc_controller', options.car)

@@ -72,7 +72,7 @@ class Columns(Struct):
     """All of a map but the car."""
 
     like: str | None
-    rate_hz: Annotated[float, Range(10.0, 10e3, 'Hz, of a file without time')] | None
+    rate_hz: Annotated[float, Range(10.0, 10e3, 'different rows a second, without time')] | None
     steering_ratio: Annotated[float, Range(0.5, 40.0, '-')] | None
     signals: Signals
     sensor: Sensor

@@ -25,7 +25,7 @@ NEEDED = ('steer', 'vx', 'yaw_rate')
 
 
 def read(path: Path, log_map: LogMap) -> dict[str, np.ndarray]:
-    """Return the signals of `Signals` that a log has, SI, ISO 8855 axes, arrays (n,); and `time`.
+    """Return the signals of `Signals` that a log has, SI, ISO 8855 axes, arrays (n,).
 
     Raises BagError that names the file and the signal, and OSError.
     """
@@ -51,10 +51,8 @@ def read(path: Path, log_map: LogMap) -> dict[str, np.ndarray]:
             raise BagError(f'{path}: signals.{name}: is missing; the map says which column it is')
     if len({len(signal) for signal in signals.values()}) > 1 or min(found_rows) < LEAST_ROWS:
         raise BagError(f'{path}: columns of {min(found_rows)} to {max(found_rows)} rows')
-    if 'time' not in signals:
-        if wanted.rate_hz is None:
-            raise BagError(f'{path}: the map has neither signals.time nor rate_hz')
-        signals['time'] = np.arange(len(signals['vx'])) / wanted.rate_hz
+    if 'time' not in signals and wanted.rate_hz is None:
+        raise BagError(f'{path}: the map has neither signals.time nor rate_hz')
     signals['steer'] = signals['steer'] / (wanted.steering_ratio or 1.0)
     if 'sideslip' in signals:
         signals['vy'] = signals['vx'] * np.tan(signals.pop('sideslip'))

@@ -20,9 +20,10 @@ LONGEST_GAP_STEPS = 2.5  # of the median time between two rows
 AROUND_GAP_S = 0.1  # which a filter spoils
 SPIKE_WINDOW = 7  # rows of the running median
 SPIKE_DEVIATIONS = 8.0  # robust standard deviations from it
+BURST_S, BURST_FACTOR = 0.3, 10.0  # of the median, and of SPIKE_LEAST, for spikes in a row
 # at least so far from it: rad, m/s, m/s, rad/s, m/s^2
 SPIKE_LEAST = {'steer': 0.04, 'vx': 0.5, 'vy': 0.3, 'yaw_rate': 0.1, 'ax': 3.0, 'ay': 3.0}
-MENDED_ROWS = 5  # a longer spike is left out
+MENDED_S = 0.1  # a longer spike is left out
 MOST_WRONG = 0.2  # share of the rows
 FROZEN_S, FROZEN_ABOVE_RADPS = 0.3, 0.15
 NORMAL_MAD = 1.4826
@@ -50,7 +51,9 @@ def load(path: Path, log_map: LogMap, checked: bool = True) -> Log:
     signals, every = _without_repeats(signals)
     if every > 1:
         notes.append(f'every row {every} times: one of them used')
-    t = signals.pop('time')
+    t = signals.pop('time', None)
+    if t is None:
+        t = np.arange(len(signals['vx'])) / log_map.columns.rate_hz
     if not np.isfinite(t).all() or (np.diff(t) < 0).any():
         raise BagError(f'{path}: time: does not increase from row to row')
     increasing = np.append(True, np.diff(t) > 0)
@@ -60,11 +63,11 @@ def load(path: Path, log_map: LogMap, checked: bool = True) -> Log:
         raise BagError(f'{path}: time: {1 / step:.3g} rows a second; at least {LEAST_RATE_HZ:g}')
     wrong = np.zeros(len(t), bool)
     for name, values in signals.items():
-        spikes = _spikes(values, SPIKE_LEAST[name])
+        spikes = _spikes(values, SPIKE_LEAST[name], round(BURST_S / step))
         if spikes.any():
             notes.append(f'{name}: {spikes.sum()} rows of spikes')
             values[spikes] = np.interp(t[spikes], t[~spikes], values[~spikes])
-            wrong |= _longer_than(spikes, MENDED_ROWS)
+            wrong |= _longer_than(spikes, round(MENDED_S / step))
     for name in ('vy', 'yaw_rate'):
         still = np.append(False, np.diff(signals[name]) == 0)
         turning = np.abs(signals['yaw_rate']) > FROZEN_ABOVE_RADPS
@@ -120,7 +123,7 @@ def _without_repeats(signals):
     return {name: x[start % every :: every] for name, x in signals.items()}, every
 
 
-def _spikes(values, least):
+def _spikes(values, least, burst):
     from scipy.ndimage import median_filter
 
     missing = ~np.isfinite(values)
@@ -128,7 +131,9 @@ def _spikes(values, least):
         return missing
     values = np.where(missing, np.nanmedian(values), values)
     away = np.abs(values - median_filter(values, SPIKE_WINDOW, mode='nearest'))
-    return missing | (away > max(least, SPIKE_DEVIATIONS * NORMAL_MAD * float(np.median(away))))
+    far = np.abs(values - median_filter(values, burst, mode='nearest')) > BURST_FACTOR * least
+    limit = max(least, SPIKE_DEVIATIONS * NORMAL_MAD * float(np.median(away)))
+    return missing | far | (away > limit)
 
 
 def _longer_than(marked, count):

@@ -84,44 +84,44 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], title: str) -> T
 
 def draw(found: Validation, title: str) -> 'Figure':
     """Return errors over the horizon by lateral acceleration, and each manoeuvre over time."""
-    import matplotlib as mpl
-
-    with mpl.rc_context(style.RC):
-        count = len(found.manoeuvres)
-        figure = style.new_sheet((13, 3.2 * (2 + count)), title)
-        grid = figure.add_gridspec(2 + count, 12)
-        bins = list(zip(validation.BINS_MPS2, validation.BINS_MPS2[1:]))[1:]
-        for i, (low, high) in enumerate(bins):
-            for k, (name, (label, factor)) in enumerate(ERRORS.items()):
-                axes = figure.add_subplot(grid[i, 4 * k : 4 * k + 4])
-                for model, colour in COLOURS.items():
-                    rows = [e for e in found.errors if (e.model, e.from_mps2) == (model, low)]
-                    values = [getattr(e, name) * factor for e in rows]
-                    axes.plot([e.ahead_s for e in rows], values, 'o-', color=colour, label=model)
-                axes.set(ylabel=f'rms error, {label}', xlabel='ahead [s]', ylim=(0, None))
-                axes.set_title(f'|ay| {low:g} to {high:g} m/s²')
-                if not i + k:
-                    shown = [line for line in axes.lines if len(line.get_xdata())]
-                    axes.legend(shown, [line.get_label() for line in shown])
-        for i, m in enumerate(found.manoeuvres):
-            for k, (name, (label, unit, factor)) in enumerate(SIGNALS.items()):
-                axes = figure.add_subplot(grid[2 + i, 3 * k : 3 * k + 3])
-                axes.plot(m.t, m.measured[name] * factor, color=style.INK, linewidth=2.8, label='measured')
-                low, high = np.array([m.measured[name].min(), m.measured[name].max()]) * factor
-                for model, signals in m.models.items():
-                    axes.plot(m.t, signals[name] * factor, color=COLOURS[model], label=model)
-                room = 0.4 * (high - low)
-                axes.set(ylabel=f'{label} [{unit}]', xlabel='time [s]', ylim=(low - room, high + room))
-                axes.set_title(m.log if not k else '')
-                if not k:
-                    axes.legend(fontsize=7)
+    count = len(found.manoeuvres)
+    figure = style.new_sheet((13, 3.2 * (2 + count)), title)
+    grid = figure.add_gridspec(2 + count, 12)
+    bins = list(zip(validation.BINS_MPS2, validation.BINS_MPS2[1:]))[1:]
+    for i, (low, high) in enumerate(bins):
+        for k, (name, (label, factor)) in enumerate(ERRORS.items()):
+            axes = figure.add_subplot(grid[i, 4 * k : 4 * k + 4])
+            for model, colour in COLOURS.items():
+                rows = [e for e in found.errors if (e.model, e.from_mps2) == (model, low)]
+                values = [getattr(e, name) * factor for e in rows]
+                axes.plot([e.ahead_s for e in rows], values, 'o-', color=colour, label=model)
+            axes.set(ylabel=f'rms error, {label}', xlabel='ahead [s]', ylim=(0, None))
+            axes.set_title(f'|ay| {low:g} to {high:g} m/s²')
+            if not i + k:
+                shown = [line for line in axes.lines if len(line.get_xdata())]
+                axes.legend(shown, [line.get_label() for line in shown])
+    for i, m in enumerate(found.manoeuvres):
+        for k, (name, (label, unit, factor)) in enumerate(SIGNALS.items()):
+            axes = figure.add_subplot(grid[2 + i, 3 * k : 3 * k + 3])
+            axes.plot(m.t, m.measured[name] * factor, color=style.INK, linewidth=2.8, label='measured')
+            low, high = np.array([m.measured[name].min(), m.measured[name].max()]) * factor
+            for model, signals in m.models.items():
+                axes.plot(m.t, signals[name] * factor, color=COLOURS[model], label=model)
+            room = 0.4 * (high - low)
+            axes.set(ylabel=f'{label} [{unit}]', xlabel='time [s]', ylim=(low - room, high + room))
+            axes.set_title(m.log if not k else '')
+            if not k:
+                axes.legend(fontsize=7)
     return figure
 
 
 def write(found: Validation, folder: Path, title: str) -> dict[str, Path]:
     """Write the page, its figure and the numbers; return their paths."""
+    import matplotlib as mpl
+
     folder.mkdir(parents=True, exist_ok=True)
-    picture, _ = style.save_figure(draw(found, title), folder / 'validation')
+    with mpl.rc_context(style.RC):
+        picture, _ = style.save_figure(draw(found, title), folder / 'validation')
     numbers = {
         'errors': [e._asdict() for e in found.errors],
         'manoeuvres': {m.log: m.numbers for m in found.manoeuvres},
