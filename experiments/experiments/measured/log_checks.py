@@ -21,16 +21,12 @@ AY_GAIN = (0.6, 1.5)  # of vx r
 GREATEST_MPS2 = 16.0  # of vx r, of a road car
 LATEST_S = 0.3  # the car follows its steering, and recorders have delays
 # of a gain: what it is when a unit or the ratio is wrong
-MISTAKES = {
-    3.6: 'a speed in km/h read as m/s',
-    1 / 3.6: 'a speed in m/s read as km/h',
-    57.3: 'degrees read as radians',
-    1 / 57.3: 'radians read as degrees',
-    9.81: 'm/s^2 read as g',
-    1 / 9.81: 'g read as m/s^2',
-    16.0: 'the steering ratio left out or doubly applied',
-    1 / 16.0: 'the steering ratio left out or doubly applied',
+UNITS = {
+    3.6: 'a speed in km/h read as m/s, or the other way round',
+    57.3: 'degrees read as radians, or the other way round',
 }
+STEER_MISTAKES = UNITS | {16.0: 'the steering ratio left out or doubly applied'}
+AY_MISTAKES = UNITS | {9.81: 'g read as m/s^2, or the other way round'}
 TELLING = 0.6  # correlation from which on a gain is judged
 SUSTAINED_S = 1.0  # of gentle driving
 # a slower car's lateral speed is mostly that of rolling, whatever its tyres
@@ -66,16 +62,20 @@ def check(
         rows = (vx > SLOWEST_MPS) & turning
         if rows.sum() < LEAST_ROWS:
             raise BagError(f'{path}: yaw_rate, steer: the car hardly turns: nothing to learn')
+    for name, values in (('steer', geometric), ('yaw_rate', r)):
+        if np.std(values[rows]) < 1e-3 * EXCITED_RADPS:
+            raise BagError(f'{path}: {name}: does not change while the car turns')
     fastest = float(np.quantile(np.abs(vx * r), 0.995))
     if fastest > GREATEST_MPS2:
         raise BagError(
             f'{path}: vx yaw_rate: up to {fastest:.0f} m/s^2; a car reaches {GREATEST_MPS2:g}: are '
             'the units of vx and yaw_rate right?'
         )
-    unknown = _judge(path, 'yaw_rate over vx steer / L', *_best_gain(t, geometric, r, rows), GAIN)
+    best = _best_gain(t, geometric, r, rows)
+    unknown = _judge(path, 'yaw_rate over vx steer / L', *best, GAIN, STEER_MISTAKES)
     if 'ay' in signals:
         gain, fit = _gain(vx * r, signals['ay'], turning & (vx > SLOWEST_MPS))
-        unknown += _judge(path, 'ay over vx yaw_rate', gain, fit, AY_GAIN)
+        unknown += _judge(path, 'ay over vx yaw_rate', gain, fit, AY_GAIN, AY_MISTAKES)
     return unknown + _check_lateral_sign(path, t, signals, log_map)
 
 
@@ -92,7 +92,7 @@ def _gain(x, y, rows):
     return (float(x @ y / (x @ x)), float(x @ y / power)) if power else (0.0, 0.0)
 
 
-def _judge(path, what, gain, correlation, allowed):
+def _judge(path, what, gain, correlation, allowed, mistakes):
     low, high = allowed
     if abs(correlation) < TELLING:
         return [f'{what}: not checked, correlation {correlation:.2f}']
@@ -103,9 +103,10 @@ def _judge(path, what, gain, correlation, allowed):
         )
     if low <= gain <= high:
         return []
-    near = min(MISTAKES, key=lambda factor: abs(np.log(max(abs(gain), 1e-9) / factor)))
+    size = abs(np.log(max(gain, 1e-9)))
+    near = min(mistakes, key=lambda factor: abs(size - np.log(factor)))
     raise BagError(
-        f'{path}: {what} is {gain:.3g}; a car has {low:g} to {high:g}: as with {MISTAKES[near]}'
+        f'{path}: {what} is {gain:.3g}; a car has {low:g} to {high:g}: as with {mistakes[near]}'
     )
 
 

@@ -59,7 +59,7 @@ KINDS = {
     'relaxation_m': Kind(0.0, 3.0, 0.3, 'm', 'relaxation length of both axles'),
     'load_front': Kind(0.0, 0.6, 0.1, '-', 'loss of the front axle at 1 g', False),
     'load_rear': Kind(0.0, 0.6, 0.1, '-', 'loss of the rear axle at 1 g', False),
-    'compliance_radpn': Kind(0.0, 5e-6, 1e-6, 'rad/N', 'steering compliance', False),
+    'compliance_radpn': Kind(0.0, 3e-5, 2e-6, 'rad/N', 'steering compliance', False),
 }
 BASIC = tuple(KINDS)[:8]
 ADDITIONS = {
