@@ -3,8 +3,8 @@
     python bench/real_cars.py FOLDER --out DIR [--car volvo_v40]
 
 FOLDER has a folder for each car with the files of bench/real_cars/frozen.yaml, which
-docs/real_cars.md says how to obtain; ferrari_250lm.csv is one file, split at half of its time. Every
-variant of the model is fitted and judged; DIR receives car files, figures, pages and results.md.
+docs/real_cars.md says how to obtain; ferrari_250lm.csv is one file, split at half of its time.
+Every variant of the model is fitted and judged; DIR receives car files, figures, pages, results.md.
 """
 
 import argparse
@@ -70,7 +70,9 @@ def judge(car: str, folder: Path, files: dict, out: Path) -> str:
             fitted.append((name, key, f'{value:.5g}', half, told))
         rows = fit_report.errors(known.car, fit, logs, held_out)
         vehicle = fit_report.fitted_car(known.car, fit)
-        stem = out / f'car_{car}{"" if not additions and not fixed else "_" + name.replace(" ", "_")}'
+        stem = (
+            out / f'car_{car}{"" if not additions and not fixed else "_" + name.replace(" ", "_")}'
+        )
         fit_report.write_car(stem.with_suffix('.yaml'), known.car, fit, rows)
         first = name == next(iter(VARIANTS))
         found = validation.validate(held_out, vehicle, fit, plant if first else None)
@@ -88,17 +90,31 @@ def judge(car: str, folder: Path, files: dict, out: Path) -> str:
                 numbers = f'{e.vy:.2f}', f'{np.degrees(e.r):.1f}', f'{e.position:.2f}'
                 label = name if e.model == wanted else e.model
                 ahead.append((label, f'{e.ahead_s:g} s', str(e.starts), *numbers))
-    titles = ('log', 'model', 'yaw rate', 'ay', 'vy', 'r peaks', 'late [ms]', 'ay peaks', 'slip peaks [deg]')
-    return '\n\n'.join((
-        f'## {car}',
-        markdown('fit', ('variant', 'parameter', 'value', '95 %', ''), fitted),
-        markdown('held-out manoeuvre from its first state: rms over range, peaks', titles, manoeuvres),
-        markdown(
-            f'held out, above {LIMIT_MPS2:g} m/s²: rms errors ahead of every state',
-            ('model', 'ahead', 'starts', 'vy [m/s]', 'yaw rate [deg/s]', 'position [m]'),
-            ahead,
-        ),
-    ))
+    titles = (
+        'log',
+        'model',
+        'yaw rate',
+        'ay',
+        'vy',
+        'r peaks',
+        'late [ms]',
+        'ay peaks',
+        'slip peaks [deg]',
+    )
+    return '\n\n'.join(
+        (
+            f'## {car}',
+            markdown('fit', ('variant', 'parameter', 'value', '95 %', ''), fitted),
+            markdown(
+                'held-out manoeuvre from its first state: rms over range, peaks', titles, manoeuvres
+            ),
+            markdown(
+                f'held out, above {LIMIT_MPS2:g} m/s²: rms errors ahead of every state',
+                ('model', 'ahead', 'starts', 'vy [m/s]', 'yaw rate [deg/s]', 'position [m]'),
+                ahead,
+            ),
+        )
+    )
 
 
 def _cells(n):

@@ -46,8 +46,11 @@ def steer_at(t, greatest):
 @cache
 def plant_drive(seconds=24.0):
     """Return the signals of the plant at 100 Hz, in the units of MAP."""
-    case = Case(parameters.load(parameters.car_file(parameters.DEFAULT_CAR, '')), 1.0,
-                manoeuvres.load_settings())
+    case = Case(
+        parameters.load(parameters.car_file(parameters.DEFAULT_CAR, '')),
+        1.0,
+        manoeuvres.load_settings(),
+    )
     hold = hold_speed(case, 20.0)
     run = Run('', 20.0, seconds, lambda t, vx: SetPoints(float(steer_at(t, 0.10)), *hold(vx)))
     column = manoeuvres.drive(run, case).column

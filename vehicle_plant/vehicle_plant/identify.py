@@ -2,7 +2,7 @@
 
     identify --out my_car.yaml [--car bmw_330i.yaml] [--tyre ./my_tyre.tir] [--friction 0.6]
              [--manoeuvre constant_radius] [--figure car.png]
-    identify --log FILE... --map MAP --out my_car.yaml    from recorded driving: `experiments identify`
+    identify --log FILE... --map MAP --out my_car.yaml    from recorded driving
 
 The file has all that `car_file` of a controller needs: masses and lengths, Fiala tyres, layout,
 limits and lags of the actuators, outline. Its values are printed, beside those of the file that it

@@ -2,7 +2,7 @@
 
 The map says which column is which signal, in which unit, and what is known of the car: masses and
 lengths, which no log tells. Stiffness and peak friction of both axles, the place of the CoG within
-0.1 m, offset and delay of the steer and the offset of the sideslip are fitted to windows of 2 s:
+0.1 m (where the log tells it), offset and delay of the steer and the offset of the sideslip are fitted to windows of 2 s:
 the prediction model with the measured speed and steer against measured lateral speed and yaw rate.
 Prints every parameter with its interval of 95 %, which of them the log does not tell, and the
 errors of each log, of those held out too. OUT is the car file; beside it are its figure (.png) and
@@ -19,7 +19,9 @@ from experiments.commands import add_list
 from msgs_yaml.strict_yaml import closest
 
 HELP = "the controllers' car from recorded driving, with intervals"
-EXAMPLE = 'experiments identify step.vbo slalom.vbo --held-out sine.vbo --map car.map.yaml --out car.yaml'
+EXAMPLE = (
+    'experiments identify step.vbo slalom.vbo --held-out sine.vbo --map car.map.yaml --out car.yaml'
+)
 
 FILE_WIDTH = 160
 
@@ -59,6 +61,11 @@ def run(options: argparse.Namespace) -> int:
             console.print(f'{log.name}: {note}', highlight=False)
     fixed = dict(_parse(text, single_track_fit.KINDS) for text in options.fix)
     fit = single_track_fit.fit(logs, known.car, options.add, fixed)
+    if 'cog_to_front_m' in fit.vague:
+        text = 'the place of the CoG is not told: it stays where the map has it'
+        console.print(text, highlight=False)
+        fixed['cog_to_front_m'] = 0.0
+        fit = single_track_fit.fit(logs, known.car, options.add, fixed)
     rows = fit_report.errors(known.car, fit, logs, held_out)
     fit_report.write_car(options.out, known.car, fit, rows)
     picture = options.out.with_suffix('.png')

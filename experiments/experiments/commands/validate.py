@@ -56,7 +56,9 @@ def run(options: argparse.Namespace) -> int:
     except (ValueError, KeyError) as error:
         raise BagError(f'{path.with_suffix(".json")}: is not of identify: {error}') from None
     if fit is None:
-        console.print(f'no {path.with_suffix(".json").name} of identify: steer and sideslip as logged')
+        console.print(
+            f'no {path.with_suffix(".json").name} of identify: steer and sideslip as logged'
+        )
     plant = None
     if options.plant:
         plant = parameters.load(parameters.car_file(options.plant, '--plant'))

@@ -54,7 +54,9 @@ def predict(car: CarParams, fit: Fit, windows: Windows) -> tuple[np.ndarray, ...
     return measured, windows.r, vy, r, ay
 
 
-def errors(car: CarParams, fit: Fit, logs: Sequence[Log], held_out: Sequence[Log]) -> list[LogError]:
+def errors(
+    car: CarParams, fit: Fit, logs: Sequence[Log], held_out: Sequence[Log]
+) -> list[LogError]:
     """Return the errors of each log. Raises BagError for one without a window."""
     rows = []
     for log in (*logs, *held_out):
@@ -62,7 +64,9 @@ def errors(car: CarParams, fit: Fit, logs: Sequence[Log], held_out: Sequence[Log
         vy, r, found_vy, found_r, _ = predict(car, fit, windows)
         rms = (float(np.sqrt(np.mean((a - b) ** 2))) for a, b in ((vy, found_vy), (r, found_r)))
         rows.append(
-            LogError(log.name, log in held_out, vy.shape[1], *rms, float(np.ptp(vy)), float(np.ptp(r)))
+            LogError(
+                log.name, log in held_out, vy.shape[1], *rms, float(np.ptp(vy)), float(np.ptp(r))
+            )
         )
     return rows
 

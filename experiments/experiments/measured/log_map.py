@@ -30,10 +30,20 @@ from node_runtime.parameters import Choice, Range, Struct
 
 HHMMSS = 'hhmmss'  # of VBO files: a number whose digits are hours, minutes and seconds
 SI = {
-    **{'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9, HHMMSS: 1.0},
-    **{'m/s': 1.0, 'km/h': 1 / 3.6, 'mph': 0.44704},
-    **{'rad': 1.0, 'deg': np.pi / 180, 'rad/s': 1.0, 'deg/s': np.pi / 180},
-    **{'m/s^2': 1.0, 'g': 9.80665},
+    's': 1.0,
+    'ms': 1e-3,
+    'us': 1e-6,
+    'ns': 1e-9,
+    HHMMSS: 1.0,
+    'm/s': 1.0,
+    'km/h': 1 / 3.6,
+    'mph': 0.44704,
+    'rad': 1.0,
+    'deg': np.pi / 180,
+    'rad/s': 1.0,
+    'deg/s': np.pi / 180,
+    'm/s^2': 1.0,
+    'g': 9.80665,
 }
 
 
@@ -96,7 +106,9 @@ def load(path: Path) -> LogMap:
             raise BagError(f'{path}: must be a map, as of the manual')
         own = {name: given.pop(name, None) or {} for name in GROUPS}
         columns = parameters.build(Columns, given, path)
-        missing = {'mass_kg', 'yaw_inertia_kgm2', 'cog_to_front_m', 'cog_to_rear_m'} - set(own['car'])
+        missing = {'mass_kg', 'yaw_inertia_kgm2', 'cog_to_front_m', 'cog_to_rear_m'} - set(
+            own['car']
+        )
         if missing:
             raise BagError(f'{path}: car.{min(missing)}: is missing; no log tells it')
         like = columns.like or 'car.yaml'

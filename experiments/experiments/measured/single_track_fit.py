@@ -9,8 +9,9 @@ track), which a test holds against it. The additions are what a single track lac
                as lateral load transfer does it, whose delay is that of the body's roll
   compliance   the front wheels give way by an angle per lateral force
 
-The fit is least squares (scipy, `soft_l1`) on lateral speed and yaw rate. Its intervals are those of
-a wild bootstrap over blocks of half a second: residuals that follow each other are not independent.
+The fit is least squares (scipy, `soft_l1`) on lateral speed and yaw rate. Its intervals are those
+of a wild bootstrap over blocks of half a second: residuals that follow each other depend on each
+other.
 """
 
 from collections.abc import Mapping, Sequence
@@ -114,7 +115,9 @@ def cut(logs: Sequence[Log], seconds: float = WINDOW_S, every: float | None = No
             for first in range(a + margin, b - count, stride):
                 rows = slice(first, first + count + 1)
                 before = slice(first - margin, first + count + 1)
-                parts.append((log.steer[before], *(getattr(log, n)[rows] for n in Windows._fields[1:])))
+                parts.append(
+                    (log.steer[before], *(getattr(log, n)[rows] for n in Windows._fields[1:]))
+                )
     if not parts:
         raise BagError(
             f'{", ".join(log.name for log in logs)}: no {seconds:g} s of valid driving above '
@@ -250,7 +253,13 @@ def fit(
     free = np.full(2 * count, np.inf)
     bounds = (np.append(low / scale, -free), np.append(high / scale, free))
     solution = least_squares(
-        problem.residuals, x0, problem.jacobian, bounds, loss='soft_l1', xtol=1e-5, ftol=1e-6,
+        problem.residuals,
+        x0,
+        problem.jacobian,
+        bounds,
+        loss='soft_l1',
+        xtol=1e-5,
+        ftol=1e-6,
         max_nfev=MOST_STEPS,
     )
     values = dict(zip(names, (solution.x[: len(names)] * scale).tolist()))
@@ -283,7 +292,9 @@ def _is_vague(name, value, half):
     at_bound = min(value - kind.low, kind.high - value) < 1e-3 * (kind.high - kind.low)
     reference = abs(value) if kind.relative else kind.high - kind.low
     # a delay, a length or a loss of nothing is an answer
-    return half > VAGUE * reference or (at_bound and (kind.low < 0 or value > kind.low + kind.scale))
+    return half > VAGUE * reference or (
+        at_bound and (kind.low < 0 or value > kind.low + kind.scale)
+    )
 
 
 class _Problem:
@@ -319,8 +330,13 @@ class _Problem:
         n, count = len(self.names), self.count
         change = np.zeros((n + 3, n + 2))
         # inwards, away from the upper bound
-        signs = np.array([-1.0 if t * s > 0.9 * KINDS[k].high else 1.0
-                          for t, s, k in zip(theta, self.scale, self.names)] + [1.0, 1.0])
+        signs = np.array(
+            [
+                -1.0 if t * s > 0.9 * KINDS[k].high else 1.0
+                for t, s, k in zip(theta, self.scale, self.names)
+            ]
+            + [1.0, 1.0]
+        )
         change[np.arange(1, n + 3), np.arange(n + 2)] = step * signs
         change = np.repeat(change, count, axis=0)
         result = self._residual(

@@ -8,6 +8,7 @@ them, and the plant with its servos taken out, from the first state on and never
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +22,6 @@ from mpcc_controller.model.single_track import Car, Input, State
 from mpcc_controller.parameters import CarParams
 from mpcc_controller.problem import stage_parameters
 from vehicle_plant.car import split_drive_force
-from vehicle_plant.initial_state import Start
 from vehicle_plant.manoeuvres import Case, Run, drive, load_settings
 from vehicle_plant.parameters import PlantParams
 from vehicle_plant.state import SetPoints
@@ -73,10 +73,14 @@ def validate(
     logs: Sequence[Log], car: CarParams, fit: Fit | None, plant: PlantParams | None
 ) -> Validation:
     """Compare. `fit` has the offsets of the logs, and perhaps additions. Raises BagError."""
-    corrections = {} if fit is None else {
-        name: fit.values[name]
-        for name in ('steer_offset_rad', 'steer_delay_s', 'sideslip_offset_rad')
-    }
+    corrections = (
+        {}
+        if fit is None
+        else {
+            name: fit.values[name]
+            for name in ('steer_offset_rad', 'steer_delay_s', 'sideslip_offset_rad')
+        }
+    )
     logs = [
         log._replace(vy=log.vy - log.vx * corrections.get('sideslip_offset_rad', 0.0))
         for log in logs
@@ -90,8 +94,10 @@ def validate(
     delta = _steer(windows, corrections)
     linear = model._replace(mu_f=LINEAR_FRICTION, mu_r=LINEAR_FRICTION)
     found = {
-        HOLD: (np.broadcast_to(windows.vy[:1], windows.vy.shape),
-               np.broadcast_to(windows.r[:1], windows.r.shape)),
+        HOLD: (
+            np.broadcast_to(windows.vy[:1], windows.vy.shape),
+            np.broadcast_to(windows.r[:1], windows.r.shape),
+        ),
         LINEAR: predict(linear, windows, delta)[:2],
         PREDICTION: predict(model, windows, delta)[:2],
     }
@@ -131,9 +137,11 @@ def predict(model: Car, windows: Windows, delta: np.ndarray) -> tuple[np.ndarray
         u = Input((steer[following] - steer[k]) / dt, zero, np.full(columns, 0.6), zero)
         x = State(zero, zero, zero, vx[k], vy, r, zero, steer[k], force)
         following_x = State(*step(np.array(x), np.array(u), cars).full())
-        out[:, k] = vy, r, (following_x.vy - vy) / dt + (vx[k] + vx[following]) / 2 * (
-            r + following_x.r
-        ) / 2
+        out[:, k] = (
+            vy,
+            r,
+            (following_x.vy - vy) / dt + (vx[k] + vx[following]) / 2 * (r + following_x.r) / 2,
+        )
         vy, r = following_x.vy, following_x.r
     return tuple(_sampled(t, at, values) for values in out)
 
@@ -144,6 +152,7 @@ def _sampled(t, known, values):
 
 def _positions(vx, vy, r):
     """Return x, y (rows, columns) in the frame of the first row."""
+
     def integral(values):
         sums = np.cumsum((values[1:] + values[:-1]) / 2 * STEP_S, axis=0)
         return np.concatenate([np.zeros((1, values.shape[1])), sums])
@@ -163,7 +172,7 @@ def _horizon_errors(windows, found):
         for ahead in HORIZONS_S:
             k = round(ahead / STEP_S)
             hardest = np.abs(windows.ay[: k + 1]).max(axis=0)
-            for low, high in zip(BINS_MPS2, BINS_MPS2[1:]):
+            for low, high in pairwise(BINS_MPS2):
                 rows = (hardest >= low) & (hardest < high)
                 if rows.any():
                     parts = (vy - windows.vy)[k, rows], (r - windows.r)[k, rows], away[k, rows]
@@ -277,4 +286,3 @@ def drive_plant(
     # the first row is at 1 ms
     vy, r, ay = (track.column(name)[np.maximum(rows - 1, 0)][:, None] for name in columns)
     return vy, r, ay
-

@@ -41,7 +41,13 @@ STYLE += 'text-align:right}td:first-child,th:first-child{text-align:left}img{max
 
 def horizon_rows(errors: Sequence[HorizonError]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return header and rows of the errors ahead of every state."""
-    header = ('model', '|ay| [m/s²]', 'ahead [s]', 'starts', *(label for label, _ in ERRORS.values()))
+    header = (
+        'model',
+        '|ay| [m/s²]',
+        'ahead [s]',
+        'starts',
+        *(label for label, _ in ERRORS.values()),
+    )
     rows = [
         (
             e.model,
@@ -57,7 +63,17 @@ def horizon_rows(errors: Sequence[HorizonError]) -> tuple[tuple[str, ...], list[
 
 def manoeuvre_rows(m: Manoeuvre) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return header and rows of what the models make of a manoeuvre."""
-    header = ('model', 'signal', 'rms / range', 'greatest', 'error', 'late [ms]', 'least', 'error', 'late [ms]')
+    header = (
+        'model',
+        'signal',
+        'rms / range',
+        'greatest',
+        'error',
+        'late [ms]',
+        'least',
+        'error',
+        'late [ms]',
+    )
     rows = []
     for model, numbers in m.numbers.items():
         for name, (label, unit, factor) in SIGNALS.items():
@@ -103,7 +119,9 @@ def draw(found: Validation, title: str) -> 'Figure':
     for i, m in enumerate(found.manoeuvres):
         for k, (name, (label, unit, factor)) in enumerate(SIGNALS.items()):
             axes = figure.add_subplot(grid[2 + i, 3 * k : 3 * k + 3])
-            axes.plot(m.t, m.measured[name] * factor, color=style.INK, linewidth=2.8, label='measured')
+            axes.plot(
+                m.t, m.measured[name] * factor, color=style.INK, linewidth=2.8, label='measured'
+            )
             low, high = np.array([m.measured[name].min(), m.measured[name].max()]) * factor
             for model, signals in m.models.items():
                 axes.plot(m.t, signals[name] * factor, color=COLOURS[model], label=model)
@@ -134,7 +152,8 @@ def write(found: Validation, folder: Path, title: str) -> dict[str, Path]:
     body = f'<img alt="" src="data:image/png;base64,{image}">'
     for heading, header, rows in tables:
         lines = ''.join(
-            '<tr>' + ''.join(f'<td>{html.escape(cell)}</td>' for cell in row) + '</tr>' for row in rows
+            '<tr>' + ''.join(f'<td>{html.escape(cell)}</td>' for cell in row) + '</tr>'
+            for row in rows
         )
         head = ''.join(f'<th>{html.escape(name)}</th>' for name in header)
         body += f'<h2>{html.escape(heading)}</h2><table><tr>{head}</tr>{lines}</table>'

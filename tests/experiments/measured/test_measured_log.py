@@ -92,7 +92,9 @@ def test_spikes_and_gaps_are_left_out_and_told(tmp_path):
 
 
 def test_rows_that_repeat_are_used_once(tmp_path):
-    columns = {name: np.repeat(values, 5) for name, values in plant_drive().items() if name != 'time'}
+    columns = {
+        name: np.repeat(values, 5) for name, values in plant_drive().items() if name != 'time'
+    }
     lines = 'rate_hz: 100\n'
     text = '\n'.join(
         line for line in measured_map_with(lines).splitlines() if 'column: time' not in line
@@ -107,7 +109,10 @@ def test_rows_that_repeat_are_used_once(tmp_path):
     [
         (lambda c: c | {'time': c['time'][::-1]}, 'time: does not increase'),
         (lambda c: c | {'time': c['time'] * 10}, 'time: 10 rows a second; at least 20'),
-        (lambda c: {n: v for n, v in c.items() if n != 'lateral'}, "vy: there is no column 'lateral'"),
+        (
+            lambda c: {n: v for n, v in c.items() if n != 'lateral'},
+            "vy: there is no column 'lateral'",
+        ),
         (lambda c: {n: v[:50] for n, v in c.items()}, 'columns of 50 to 50 rows'),
         (lambda c: c | {'SteerAng': 0 * c['time']}, 'steer: does not change'),
         (

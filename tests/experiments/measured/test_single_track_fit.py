@@ -82,8 +82,10 @@ def test_too_little_driving_is_an_error(car):
 def identified(tmp_path_factory):
     """What `identify --log` makes of a log of the plant, as the command line gives it."""
     folder = tmp_path_factory.mktemp('identified')
-    noisy = {n: v + np.random.default_rng(3).normal(0, 0.002 * np.ptp(v), len(v)) * (n != 'time')
-             for n, v in plant_drive().items()}
+    noisy = {
+        n: v + np.random.default_rng(3).normal(0, 0.002 * np.ptp(v), len(v)) * (n != 'time')
+        for n, v in plant_drive().items()
+    }
     log, out = write_log(folder / 'drive.csv', noisy), folder / 'car.yaml'
     words = [str(log), '--map', str(write_map(folder / 'map.yaml')), '--out', str(out)]
     assert identify.main(['--log', *words]) == 0
@@ -91,10 +93,11 @@ def identified(tmp_path_factory):
 
 
 def test_the_plant_is_identified_as_by_circular_driving(identified):
-    """The friction within 6 %; the stiffness is that of the transient, where tyres relax."""
+    """The front friction within 6 %; the stiffness is that of the transient, where tyres relax."""
     by_circle, by_log = (car_file.read(name) for name in ('car.yaml', f'{identified}/car.yaml'))
     assert by_log.tyre.front_friction == pytest.approx(by_circle.tyre.front_friction, rel=0.06)
-    assert by_log.tyre.rear_friction == pytest.approx(by_circle.tyre.rear_friction, rel=0.10)
+    # an understeering car does not slide at the rear: its log tells how much there is at least
+    assert by_log.tyre.rear_friction > 0.95 * by_circle.tyre.rear_friction
     assert by_log.tyre.front_cornering_npr == pytest.approx(
         by_circle.tyre.front_cornering_npr, rel=0.25
     )
@@ -102,13 +105,21 @@ def test_the_plant_is_identified_as_by_circular_driving(identified):
 
 
 def test_its_prediction_is_nearer_than_holding_the_state(identified, capsys):
-    words = ['validate', identified / 'drive.csv', '--map', identified / 'map.yaml', '--car',
-             identified / 'car.yaml', '--plant', 'bmw_545i.yaml', '--out', identified / 'page']
+    words = [
+        'validate',
+        identified / 'drive.csv',
+        '--map',
+        identified / 'map.yaml',
+        '--car',
+        identified / 'car.yaml',
+        '--plant',
+        'bmw_545i.yaml',
+        '--out',
+        identified / 'page',
+    ]
     assert cli.main([str(word) for word in words]) == 0
     numbers = json.loads((identified / 'page/validation.json').read_text())
-    at_limit = {
-        (e['model'], e['ahead_s']): e for e in numbers['errors'] if e['from_mps2'] == 6.0
-    }
+    at_limit = {(e['model'], e['ahead_s']): e for e in numbers['errors'] if e['from_mps2'] == 6.0}
     for ahead in (0.5, 1.0, 2.0):
         for name in ('vy', 'r', 'position'):
             ours = at_limit[validation.PREDICTION, ahead][name]
