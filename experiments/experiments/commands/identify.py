@@ -2,11 +2,11 @@
 
 The map says which column is which signal, in which unit, and what is known of the car: masses and
 lengths, which no log tells. Stiffness and peak friction of both axles, the place of the CoG within
-0.1 m (where the log tells it), offset and delay of the steer and the offset of the sideslip are fitted to windows of 2 s:
-the prediction model with the measured speed and steer against measured lateral speed and yaw rate.
-Prints every parameter with its interval of 95 %, which of them the log does not tell, and the
-errors of each log, of those held out too. OUT is the car file; beside it are its figure (.png) and
-the numbers for `experiments validate` (.json).
+0.1 m (where the log tells it), offset and delay of the steer and the offset of the sideslip are
+fitted to windows of 2 s: the prediction model with the measured speed and steer against measured
+lateral speed and yaw rate. Prints every parameter with its interval of 95 %, which of them the log
+does not tell, and the errors of each log, of those held out too. OUT is the car file; beside it are
+its figure (.png) and the numbers for `experiments validate` (.json).
 """
 
 import argparse

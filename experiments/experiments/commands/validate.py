@@ -63,12 +63,12 @@ def run(options: argparse.Namespace) -> int:
     if options.plant:
         plant = parameters.load(parameters.car_file(options.plant, '--plant'))
     logs = [measured_log.load(log, known) for log in options.logs]
-    found = validation.validate(logs, car, fit, plant)
+    result = validation.validate(logs, car, fit, plant)
     title = f'{path.stem} against {", ".join(log.name for log in logs)}'
-    for m in found.manoeuvres:
+    for m in result.manoeuvres:
         rows = validation_page.manoeuvre_rows(m)
         console.print(validation_page.table(*rows, f'Through the manoeuvre of {m.log}'))
-    rows = validation_page.horizon_rows(found.errors)
+    rows = validation_page.horizon_rows(result.errors)
     console.print(validation_page.table(*rows, 'Errors ahead of every measured state, rms'))
-    print_paths(console, validation_page.write(found, options.out, title))
+    print_paths(console, validation_page.write(result, options.out, title))
     return 0

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 
 from bags.figures import style
@@ -61,8 +62,8 @@ def errors(
     rows = []
     for log in (*logs, *held_out):
         windows = single_track_fit.cut([log])
-        vy, r, found_vy, found_r, _ = predict(car, fit, windows)
-        rms = (float(np.sqrt(np.mean((a - b) ** 2))) for a, b in ((vy, found_vy), (r, found_r)))
+        vy, r, model_vy, model_r, _ = predict(car, fit, windows)
+        rms = (float(np.sqrt(np.mean((a - b) ** 2))) for a, b in ((vy, model_vy), (r, model_r)))
         rows.append(
             LogError(
                 log.name, log in held_out, vy.shape[1], *rms, float(np.ptp(vy)), float(np.ptp(r))
@@ -76,7 +77,7 @@ def error_table(rows: Sequence[LogError]) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0))
     seconds = f'{single_track_fit.WINDOW_S:g} s windows'
     for name in ('log', seconds, 'vy rms [m/s]', 'of range', 'yaw rate rms [deg/s]', 'of range'):
-        table.add_column(name, justify='left' if name == 'log' else 'right')
+        table.add_column(escape(name), justify='left' if name == 'log' else 'right')
     for row in rows:
         table.add_row(
             f'{row.log}{" (held out)" if row.held_out else ""}',
@@ -147,16 +148,16 @@ def draw(car: CarParams, fit: Fit, logs: Sequence[Log], held_out: Sequence[Log])
             width = min(LONGEST_SHOWN, len(turn))
             first = int(np.argmax(np.convolve(turn, np.ones(width), 'valid')))
             windows = windows.take(slice(first, first + width))
-            vy, r, found_vy, found_r, found_ay = predict(car, fit, windows)
+            vy, r, model_vy, model_r, model_ay = predict(car, fit, windows)
             t = np.arange(len(vy))[:, None] * STEP_S + np.arange(width) * single_track_fit.WINDOW_S
             signals = (
-                ('yaw rate [deg/s]', np.degrees(r), np.degrees(found_r)),
-                ('lateral speed [m/s]', vy, found_vy),
-                ('lateral acceleration [m/s²]', windows.ay, found_ay),
+                ('yaw rate [deg/s]', np.degrees(r), np.degrees(model_r)),
+                ('lateral speed [m/s]', vy, model_vy),
+                ('lateral acceleration [m/s²]', windows.ay, model_ay),
             )
-            for axes, (label, measured, found) in zip(row, signals):
+            for axes, (label, measured, modelled) in zip(row, signals):
                 axes.plot(t, measured, color=style.QUIET, linewidth=2.5)
-                axes.plot(t, found, color=style.KNOWN['mpcc'])
+                axes.plot(t, modelled, color=style.KNOWN['mpcc'])
                 axes.set(ylabel=label, xlabel='time [s]')
                 axes.set_title(log.name + (' (held out)' if log in held_out else ''))
         lines = panels[0][0].lines

@@ -33,7 +33,7 @@ def read(path: Path, log_map: LogMap) -> dict[str, np.ndarray]:
     if reader is None:
         return _read_bag(path)
     columns, wanted = reader(path), log_map.columns
-    found_rows = {len(column) for column in columns.values()}
+    row_counts = {len(column) for column in columns.values()}
     signals: dict[str, np.ndarray] = {}
     for name in Signals.__dataclass_fields__:
         signal = getattr(wanted.signals, name)
@@ -49,8 +49,8 @@ def read(path: Path, log_map: LogMap) -> dict[str, np.ndarray]:
     for name in (*NEEDED, 'vy'):
         if name not in signals and (name, 'sideslip' in signals) != ('vy', True):
             raise BagError(f'{path}: signals.{name}: is missing; the map says which column it is')
-    if len({len(signal) for signal in signals.values()}) > 1 or min(found_rows) < LEAST_ROWS:
-        raise BagError(f'{path}: columns of {min(found_rows)} to {max(found_rows)} rows')
+    if len({len(signal) for signal in signals.values()}) > 1 or min(row_counts) < LEAST_ROWS:
+        raise BagError(f'{path}: columns of {min(row_counts)} to {max(row_counts)} rows')
     if 'time' not in signals and wanted.rate_hz is None:
         raise BagError(f'{path}: the map has neither signals.time nor rate_hz')
     signals['steer'] = signals['steer'] / (wanted.steering_ratio or 1.0)

@@ -312,11 +312,11 @@ class _Problem:
     def _residual(self, theta, vy, r, windows):
         """Return (rows, 2, columns); `theta` (names, columns or 1)."""
         values = self.fixed | dict(zip(self.names, theta * self.scale[:, None]))
-        found_vy, found_r, _ = simulate(
+        model_vy, model_r, _ = simulate(
             self.car, values, windows, vy * SCALE_VY_MPS, r * SCALE_R_RADPS
         )
         measured = windows.vy - windows.vx * values.get('sideslip_offset_rad', 0.0)
-        pair = (found_vy - measured) / SCALE_VY_MPS, (found_r - windows.r) / SCALE_R_RADPS
+        pair = (model_vy - measured) / SCALE_VY_MPS, (model_r - windows.r) / SCALE_R_RADPS
         return np.stack([part[::EVERY] for part in pair], axis=1)
 
     def residuals(self, x):

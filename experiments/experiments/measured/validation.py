@@ -93,7 +93,7 @@ def validate(
     windows = single_track_fit.cut(logs, HORIZONS_S[-1], EVERY_S)
     delta = _steer(windows, corrections)
     linear = model._replace(mu_f=LINEAR_FRICTION, mu_r=LINEAR_FRICTION)
-    found = {
+    motions = {
         HOLD: (
             np.broadcast_to(windows.vy[:1], windows.vy.shape),
             np.broadcast_to(windows.r[:1], windows.r.shape),
@@ -102,13 +102,13 @@ def validate(
         PREDICTION: predict(model, windows, delta)[:2],
     }
     if extended:
-        found[FITTED] = single_track_fit.simulate(
+        motions[FITTED] = single_track_fit.simulate(
             car, extended, windows, windows.vy[0], windows.r[0]
         )[:2]
     manoeuvres = [
         _drive_through(log, model, linear, car, corrections, extended, plant) for log in logs
     ]
-    return Validation(_horizon_errors(windows, found), manoeuvres)
+    return Validation(_horizon_errors(windows, motions), manoeuvres)
 
 
 def _steer(windows, corrections):
@@ -162,10 +162,10 @@ def _positions(vx, vy, r):
     return integral(vx * cos - vy * sin), integral(vx * sin + vy * cos)
 
 
-def _horizon_errors(windows, found):
+def _horizon_errors(windows, motions):
     x, y = _positions(windows.vx, windows.vy, windows.r)
     result = []
-    for model, (vy, r) in found.items():
+    for model, (vy, r) in motions.items():
         vx = np.broadcast_to(windows.vx[:1], vy.shape) if model == HOLD else windows.vx
         x_model, y_model = _positions(vx, vy, r)
         away = np.hypot(x_model - x, y_model - y)
@@ -208,19 +208,21 @@ def _drive_through(log, model, linear, car, corrections, extended, plant):
     columns = (log.steer[a - margin : b], *(getattr(log, n)[a:b] for n in Windows._fields[1:]))
     window = Windows(*(column[:, None] for column in columns))
     delta = _steer(window, corrections)
-    found = {
+    motions = {
         PREDICTION: predict(model, window, delta),
         LINEAR: predict(linear, window, delta),
     }
     if extended:
-        found[FITTED] = single_track_fit.simulate(car, extended, window, window.vy[0], window.r[0])
+        motions[FITTED] = single_track_fit.simulate(
+            car, extended, window, window.vy[0], window.r[0]
+        )
     if plant is not None:
-        found[PLANT] = drive_plant(plant, window, delta)
+        motions[PLANT] = drive_plant(plant, window, delta)
     t = np.arange(b - a) * STEP_S
     measured = _signals(window.vx, window.vy, window.r, window.ay)
     models = {
         name: _signals(window.vx, *(part[: b - a] for part in parts))
-        for name, parts in found.items()
+        for name, parts in motions.items()
     }
     numbers = {name: _numbers(t, measured, signals) for name, signals in models.items()}
     return Manoeuvre(log.name, t, measured, models, numbers)

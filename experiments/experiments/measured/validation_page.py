@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 
 from bags.figures import style
@@ -92,15 +93,15 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], title: str) -> T
     """Return a table for the console."""
     result = Table(box=None, padding=(0, 2, 0, 0), title=title, title_justify='left')
     for k, name in enumerate(header):
-        result.add_column(name, justify='right' if k else 'left')
+        result.add_column(escape(name), justify='right' if k else 'left')
     for row in rows:
-        result.add_row(*row)
+        result.add_row(*map(escape, row))
     return result
 
 
-def draw(found: Validation, title: str) -> 'Figure':
+def draw(result: Validation, title: str) -> 'Figure':
     """Return errors over the horizon by lateral acceleration, and each manoeuvre over time."""
-    count = len(found.manoeuvres)
+    count = len(result.manoeuvres)
     figure = style.new_sheet((13, 3.2 * (2 + count)), title)
     grid = figure.add_gridspec(2 + count, 12)
     bins = list(zip(validation.BINS_MPS2, validation.BINS_MPS2[1:]))[1:]
@@ -108,7 +109,7 @@ def draw(found: Validation, title: str) -> 'Figure':
         for k, (name, (label, factor)) in enumerate(ERRORS.items()):
             axes = figure.add_subplot(grid[i, 4 * k : 4 * k + 4])
             for model, colour in COLOURS.items():
-                rows = [e for e in found.errors if (e.model, e.from_mps2) == (model, low)]
+                rows = [e for e in result.errors if (e.model, e.from_mps2) == (model, low)]
                 values = [getattr(e, name) * factor for e in rows]
                 axes.plot([e.ahead_s for e in rows], values, 'o-', color=colour, label=model)
             axes.set(ylabel=f'rms error, {label}', xlabel='ahead [s]', ylim=(0, None))
@@ -116,7 +117,7 @@ def draw(found: Validation, title: str) -> 'Figure':
             if not i + k:
                 shown = [line for line in axes.lines if len(line.get_xdata())]
                 axes.legend(shown, [line.get_label() for line in shown])
-    for i, m in enumerate(found.manoeuvres):
+    for i, m in enumerate(result.manoeuvres):
         for k, (name, (label, unit, factor)) in enumerate(SIGNALS.items()):
             axes = figure.add_subplot(grid[2 + i, 3 * k : 3 * k + 3])
             axes.plot(
@@ -133,22 +134,22 @@ def draw(found: Validation, title: str) -> 'Figure':
     return figure
 
 
-def write(found: Validation, folder: Path, title: str) -> dict[str, Path]:
+def write(result: Validation, folder: Path, title: str) -> dict[str, Path]:
     """Write the page, its figure and the numbers; return their paths."""
     import matplotlib as mpl
 
     folder.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context(style.RC):
-        picture, _ = style.save_figure(draw(found, title), folder / 'validation')
+        picture, _ = style.save_figure(draw(result, title), folder / 'validation')
     numbers = {
-        'errors': [e._asdict() for e in found.errors],
-        'manoeuvres': {m.log: m.numbers for m in found.manoeuvres},
+        'errors': [e._asdict() for e in result.errors],
+        'manoeuvres': {m.log: m.numbers for m in result.manoeuvres},
     }
     paths = {'page': folder / 'validation.html', 'numbers': folder / 'validation.json'}
     paths['numbers'].write_text(json.dumps(numbers, indent=1) + '\n')
     image = base64.b64encode(picture.read_bytes()).decode()
-    tables = [('Errors ahead of every measured state', *horizon_rows(found.errors))]
-    tables += [(f'Through the manoeuvre of {m.log}', *manoeuvre_rows(m)) for m in found.manoeuvres]
+    tables = [('Errors ahead of every measured state', *horizon_rows(result.errors))]
+    tables += [(f'Through the manoeuvre of {m.log}', *manoeuvre_rows(m)) for m in result.manoeuvres]
     body = f'<img alt="" src="data:image/png;base64,{image}">'
     for heading, header, rows in tables:
         lines = ''.join(
