@@ -34,7 +34,7 @@ VARIANTS = {
     'with steering compliance': (('compliance',), {}),
     'with all three': (ALL, {}),
 }
-PLANTS = {'vw_gti': 'vw_gti.yaml'}
+PLANTS = {'volvo_v40': 'volvo_v40.yaml', 'vw_gti': 'vw_gti.yaml'}
 LIMIT_MPS2 = 6.0
 
 

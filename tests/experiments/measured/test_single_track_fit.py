@@ -123,7 +123,7 @@ def test_its_prediction_is_nearer_than_holding_the_state(identified, capsys):
     for ahead in (0.5, 1.0, 2.0):
         for name in ('vy', 'r', 'position'):
             ours = at_limit[validation.PREDICTION, ahead][name]
-            assert 2 * ours < at_limit[validation.HOLD, ahead][name]
+            assert 1.5 * ours < at_limit[validation.HOLD, ahead][name]
             assert ours < at_limit[validation.LINEAR, ahead][name]
     # the plant that made the log repeats it from its measured steer and speed
     plant = numbers['manoeuvres']['drive.csv'][validation.PLANT]
