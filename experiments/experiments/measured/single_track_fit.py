@@ -382,7 +382,8 @@ class _Problem:
         block = 2 * round(BLOCK_S / STEP_S / EVERY)
         g = np.add.reduceat(D * f[..., None], range(0, f.shape[1], block), axis=1).reshape(-1, n)
         freedom = max(len(g) - n, 1)
-        covariance = inverse @ (g.T @ g) @ inverse * len(g) / freedom
+        # the fit has made the residuals smaller: as a jackknife corrects it, on average
+        covariance = inverse @ (g.T @ g) @ inverse * (len(g) / freedom) ** 2
         half = student.ppf((1 + CONFIDENCE) / 2, freedom) * np.sqrt(np.diag(covariance))
         size = np.sqrt(np.diag(inverse))
         return half, inverse / np.outer(size, size)
