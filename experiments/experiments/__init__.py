@@ -17,6 +17,7 @@ Analyse
     decisive           the study of tuned controllers: estimands, verdicts, figures
     settings_study     the published shares of the study over many settings
     tuning             controller weights by the search of the study
+    measured           the car from recorded driving, and the prediction against it
 Common
     cli, commands      the command `experiments`
     drive_row          one drive: scenario, controller, settings, start offset; its key and results

@@ -15,6 +15,8 @@ COMMANDS = (
     'plot',
     'library',
     'survivable',
+    'identify',
+    'validate',
     'replay-check',
     'resolve',
     'golden',

@@ -8,14 +8,16 @@ import pytest
 from drives import ahead, circle, load
 from installation import ROOT
 
+from msgs_yaml import share
 from msgs_yaml.types import WHEELS
 from node_runtime import named_vector
+from node_runtime import parameters as yaml_parameters
 from vehicle_plant import circular_driving, identify, integrator, parameters, suspension, tyre
 from vehicle_plant.initial_state import Start, rolling_state
 from vehicle_plant.simulator import Simulator
 from vehicle_plant.state import State
 
-CARS = ('bmw_545i.yaml', 'bmw_330i.yaml', 'vw_gti.yaml', 'bmw_320i.yaml')
+CARS = ('bmw_545i.yaml', 'bmw_330i.yaml', 'vw_gti.yaml', 'volvo_v40.yaml', 'bmw_320i.yaml')
 
 
 @pytest.fixture(params=CARS)
@@ -136,3 +138,14 @@ def test_gti_is_the_published_one():
     for axle, published in zip(points, ((120e3, 0.85), (200e3, 0.90))):
         fit = identify.fit_fiala(axle)
         assert (fit.cornering, fit.friction) == pytest.approx(published, rel=0.03)
+
+
+def test_v40_has_the_axles_that_were_measured():
+    used = yaml_parameters.read_file(
+        share.path('mpcc_controller', 'config', 'car_volvo_v40.yaml')
+    ).values
+    points = circular_driving.axle_points(circle('volvo_v40.yaml'), load('volvo_v40.yaml'))
+    for axle, name in zip(points, ('front', 'rear')):
+        fit = identify.fit_fiala(axle)
+        measured = used[f'tyre.{name}_cornering_npr'], used[f'tyre.{name}_friction']
+        assert (fit.cornering, fit.friction) == pytest.approx(measured, rel=0.01)

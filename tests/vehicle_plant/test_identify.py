@@ -142,7 +142,9 @@ def test_files_note_how_they_were_made_and_the_result_is_shown_beside_the_one_be
     assert {name: values[f'actuators.{name}'] for name in expected} == expected
 
 
-CARS = 'bmw_320i.yaml, bmw_330i.yaml, bmw_545i.yaml, commonroad_320i.yaml, vw_gti.yaml'
+CARS = (
+    'bmw_320i.yaml, bmw_330i.yaml, bmw_545i.yaml, commonroad_320i.yaml, volvo_v40.yaml, vw_gti.yaml'
+)
 TYRES = 'tyre_205_60r15.yaml, tyre_245_40r18.yaml, tyre_320i.yaml, tyre_book.yaml'
 
 

@@ -2,6 +2,7 @@
 
     identify --out my_car.yaml [--car bmw_330i.yaml] [--tyre ./my_tyre.tir] [--friction 0.6]
              [--manoeuvre constant_radius] [--figure car.png]
+    identify --log FILE... --map MAP --out my_car.yaml    from recorded driving
 
 The file has all that `car_file` of a controller needs: masses and lengths, Fiala tyres, layout,
 limits and lags of the actuators, outline. Its values are printed, beside those of the file that it
@@ -20,6 +21,7 @@ import argparse
 import hashlib
 import os
 import shlex
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -216,6 +218,11 @@ def _friction(text: str) -> float:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit code."""
+    words = sys.argv[1:] if arguments is None else arguments
+    if '--log' in words:
+        # recordings and the prediction model are seen by the package experiments alone
+        given = [word for word in words if word != '--log']
+        return subprocess.call([sys.executable, '-m', 'experiments.cli', 'identify', *given])
     parser = argparse.ArgumentParser(prog='identify', description=__doc__.splitlines()[0])
     parser.add_argument('--out', type=Path, required=True, help='YAML file to write')
     parser.add_argument('--car', help='car file instead of the default car')

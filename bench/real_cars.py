@@ -1,0 +1,150 @@
+"""Fit the controllers' car to the measured drives of four cars, and judge it on those held out.
+
+    python bench/real_cars.py FOLDER --out DIR [--car volvo_v40]
+
+FOLDER has a folder for each car with the files of bench/real_cars/frozen.yaml, which
+docs/real_cars.md says how to obtain; ferrari_250lm.csv is one file, split at half of its time.
+Every variant of the model is fitted and judged; DIR receives car files, figures, pages, results.md.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import yaml
+from tables import markdown
+
+from experiments.measured import (
+    fit_report,
+    log_map,
+    measured_log,
+    single_track_fit,
+    validation,
+    validation_page,
+)
+from vehicle_plant import parameters
+
+HERE = Path(__file__).parent / 'real_cars'
+ALL = tuple(single_track_fit.ADDITIONS)
+VARIANTS = {
+    'prediction model': ((), {}),
+    'the same, CoG as published': ((), {'cog_to_front_m': 0.0}),
+    'with relaxation': (('relaxation',), {}),
+    'with load transfer': (('load',), {}),
+    'with steering compliance': (('compliance',), {}),
+    'with all three': (ALL, {}),
+}
+PLANTS = {'volvo_v40': 'volvo_v40.yaml', 'vw_gti': 'vw_gti.yaml'}
+LIMIT_MPS2 = 6.0
+
+
+def load(folder: Path, car: str, files: dict, known: log_map.LogMap) -> tuple[list, list]:
+    """Return the logs to fit and those held out."""
+    if (folder / f'{car}.csv').is_file():
+        log = measured_log.load(folder / f'{car}.csv', known)
+        half = len(log.t) // 2
+        parts = (slice(0, half), 'first half'), (slice(half, None), 'second half')
+        halves = [
+            log._replace(name=name, **{n: getattr(log, n)[rows] for n in log._fields[1:-1]})
+            for rows, name in parts
+        ]
+        return halves[:1], halves[1:]
+    return tuple(
+        [measured_log.load(folder / name, known) for name in files[kind]]
+        for kind in ('fit', 'held_out')
+    )
+
+
+def judge(car: str, folder: Path, files: dict, out: Path) -> str:
+    """Fit every variant to a car's logs, and return the tables as Markdown."""
+    known = log_map.load(HERE / f'{car}.yaml')
+    logs, held_out = load(folder, car, files, known)
+    fitted, manoeuvres, ahead = [], [], []
+    plant_file = parameters.config_file(PLANTS[car]) if car in PLANTS else None
+    plant = parameters.load(plant_file) if plant_file and plant_file.is_file() else None
+    for name, (additions, fixed) in VARIANTS.items():
+        fit = single_track_fit.fit(logs, known.car, additions, fixed)
+        for key, value in fit.values.items():
+            half = f'± {fit.half_widths[key]:.2g}' if key in fit.half_widths else 'fixed'
+            told = 'not told' if key in fit.vague else ''
+            fitted.append((name, key, f'{value:.5g}', half, told))
+        rows = fit_report.errors(known.car, fit, logs, held_out)
+        vehicle = fit_report.fitted_car(known.car, fit)
+        stem = (
+            out / f'car_{car}{"" if not additions and not fixed else "_" + name.replace(" ", "_")}'
+        )
+        fit_report.write_car(stem.with_suffix('.yaml'), known.car, fit, rows)
+        first = name == next(iter(VARIANTS))
+        found = validation.validate(held_out, vehicle, fit, plant if first else None)
+        if first:
+            fit_report.draw(known.car, fit, logs, held_out).savefig(stem.with_suffix('.png'))
+            validation_page.write(found, out / car, f'{car}, held out')
+        wanted = validation.FITTED if additions else validation.PREDICTION
+        for m in found.manoeuvres:
+            models = m.numbers if first else {wanted: m.numbers[wanted]}
+            for model, n in models.items():
+                label = name if model == wanted else model
+                manoeuvres.append((m.log, label, *_cells(n)))
+        for e in found.errors:
+            if e.from_mps2 >= LIMIT_MPS2 and (first or e.model == wanted):
+                numbers = f'{e.vy:.2f}', f'{np.degrees(e.r):.1f}', f'{e.position:.2f}'
+                label = name if e.model == wanted else e.model
+                ahead.append((label, f'{e.ahead_s:g} s', str(e.starts), *numbers))
+    titles = (
+        'log',
+        'model',
+        'yaw rate',
+        'ay',
+        'vy',
+        'r peaks',
+        'late [ms]',
+        'ay peaks',
+        'slip peaks [deg]',
+    )
+    return '\n\n'.join(
+        (
+            f'## {car}',
+            markdown('fit', ('variant', 'parameter', 'value', '95 %', ''), fitted),
+            markdown(
+                'held-out manoeuvre from its first state: rms over range, peaks', titles, manoeuvres
+            ),
+            markdown(
+                f'held out, above {LIMIT_MPS2:g} m/s²: rms errors ahead of every state',
+                ('model', 'ahead', 'starts', 'vy [m/s]', 'yaw rate [deg/s]', 'position [m]'),
+                ahead,
+            ),
+        )
+    )
+
+
+def _cells(n):
+    def peaks(name):
+        words = ('greatest', 'least')
+        return ' '.join(f'{n[f"{name}_{w}_error"] / abs(n[f"{name}_{w}"]):+.0%}' for w in words)
+
+    late = ' '.join(f'{1000 * n[f"r_{word}_late_s"]:+.0f}' for word in ('greatest', 'least'))
+    slip = ' '.join(
+        f'{np.degrees(n[f"sideslip_{word}_error"]):+.1f}' for word in ('greatest', 'least')
+    )
+    rms = (f'{n[f"{name}_rms_of_range"]:.1%}' for name in ('r', 'ay', 'vy'))
+    return (*rms, peaks('r'), late, peaks('ay'), slip)
+
+
+def main() -> None:
+    """Run the command."""
+    cars = yaml.safe_load((HERE / 'frozen.yaml').read_text())['cars']
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('folder', type=Path, metavar='FOLDER')
+    parser.add_argument('--car', choices=cars, action='append', help='(default: all)')
+    parser.add_argument('--out', type=Path, required=True, metavar='DIR')
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    parts = []
+    for car in options.car or cars:
+        parts.append(judge(car, options.folder / car, cars[car], options.out))
+        (options.out / 'results.md').write_text('\n\n'.join(parts) + '\n')
+        print(parts[-1], flush=True)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,92 @@
+"""Identify the controllers' car from recorded driving: VBO, MATLAB, CSV or a bag.
+
+The map says which column is which signal, in which unit, and what is known of the car: masses and
+lengths, which no log tells. Stiffness and peak friction of both axles, the place of the CoG within
+0.1 m (where the log tells it), offset and delay of the steer and the offset of the sideslip are
+fitted to windows of 2 s: the prediction model with the measured speed and steer against measured
+lateral speed and yaw rate. Prints every parameter with its interval of 95 %, which of them the log
+does not tell, and the errors of each log, of those held out too. OUT is the car file; beside it are
+its figure (.png) and the numbers for `experiments validate` (.json).
+"""
+
+import argparse
+from pathlib import Path
+
+from rich.console import Console
+
+from bags.errors import BagError
+from experiments.commands import add_list
+from msgs_yaml.strict_yaml import closest
+
+HELP = "the controllers' car from recorded driving, with intervals"
+EXAMPLE = (
+    'experiments identify step.vbo slalom.vbo --held-out sine.vbo --map car.map.yaml --out car.yaml'
+)
+
+FILE_WIDTH = 160
+
+
+def add_log_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the logs and their map."""
+    parser.add_argument('logs', type=Path, nargs='+', metavar='LOG', help='.vbo, .mat, .csv or bag')
+    text = 'YAML file: columns of the logs, and what is known of the car (docs/real_cars.md)'
+    parser.add_argument('--map', type=Path, required=True, metavar='FILE', help=text)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `experiments identify`."""
+    add_log_arguments(parser)
+    parser.add_argument('--out', type=Path, required=True, metavar='OUT', help='car file to write')
+    text = 'a log that is not fitted, only judged'
+    add_list(parser, '--held-out', text, type=Path, metavar='LOG')
+    text = 'a parameter that is not fitted, as cog_to_front_m=0 (there: away from the map) '
+    add_list(parser, '--fix', text, metavar='NAME=VALUE')
+    text = 'what the prediction model lacks, to see what it would mend'
+    add_list(parser, '--add', text, choices=('relaxation', 'load', 'compliance'))
+
+
+def run(options: argparse.Namespace) -> int:
+    """Fit and write; return 0. Raises BagError."""
+    # imported late: scipy and matplotlib take a second to load
+    from experiments.measured import fit_report, log_map, measured_log, single_track_fit
+
+    console = Console()
+    if not console.is_terminal:
+        console.width = FILE_WIDTH
+    known = log_map.load(options.map)
+    logs = [measured_log.load(path, known) for path in options.logs]
+    held_out = [measured_log.load(path, known) for path in options.held_out]
+    for log in (*logs, *held_out):
+        for note in log.notes:
+            console.print(f'{log.name}: {note}', highlight=False)
+    fixed = dict(_parse(text, single_track_fit.KINDS) for text in options.fix)
+    fit = single_track_fit.fit(logs, known.car, options.add, fixed)
+    if 'cog_to_front_m' in fit.vague:
+        text = 'the place of the CoG is not told: it stays where the map has it'
+        console.print(text, highlight=False)
+        fixed['cog_to_front_m'] = 0.0
+        fit = single_track_fit.fit(logs, known.car, options.add, fixed)
+    rows = fit_report.errors(known.car, fit, logs, held_out)
+    fit_report.write_car(options.out, known.car, fit, rows)
+    picture = options.out.with_suffix('.png')
+    fit_report.draw(known.car, fit, logs, held_out).savefig(picture, metadata={'Software': None})
+    console.print(fit_report.parameter_table(fit))
+    first, second, value = fit.correlated
+    console.print(f'\nhardest to tell apart: {first} and {second}, correlation {value:.2f}\n')
+    console.print(fit_report.error_table(rows))
+    console.print(f'\ncar file: {options.out}\nfigure: {picture}', highlight=False, soft_wrap=True)
+    return 0
+
+
+def _parse(text, kinds):
+    name, _, value = text.partition('=')
+    if name not in kinds:
+        raise BagError(f'--fix {text}: unknown parameter{closest(name, kinds)}')
+    kind = kinds[name]
+    try:
+        number = float(value)
+    except ValueError:
+        raise BagError(f'--fix {text}: {value!r} is no number') from None
+    if not kind.low <= number <= kind.high:
+        raise BagError(f'--fix {text}: allowed {kind.low:g} to {kind.high:g} {kind.unit}')
+    return name, number

@@ -1,0 +1,139 @@
+"""Does a log contradict itself? Signs and units, by what a car on a road can do.
+
+At small lateral acceleration the yaw rate is near vx steer / L, whatever the tyres; the measured
+lateral acceleration is near vx r; and the rear axle slips away from its force: of both signs of the
+lateral speed one explains the slip by the force.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from bags.errors import BagError
+from experiments.measured.log_map import LogMap
+
+GENTLE_MPS2, SLOWEST_MPS, FASTEST_MPS = 4.0, 4.0, 90.0
+EXCITED_RADPS = 0.03
+LEAST_ROWS = 50
+GAIN = (0.15, 2.5)  # of vx steer / L, understeer and lag included
+AY_GAIN = (0.6, 1.5)  # of vx r
+GREATEST_MPS2 = 16.0  # of vx r, of a road car
+LATEST_S = 0.3  # the car follows its steering, and recorders have delays
+# of a gain: what it is when a unit or the ratio is wrong
+UNITS = {
+    3.6: 'a speed in km/h read as m/s, or the other way round',
+    57.3: 'degrees read as radians, or the other way round',
+}
+STEER_MISTAKES = UNITS | {16.0: 'the steering ratio left out or doubly applied'}
+AY_MISTAKES = UNITS | {9.81: 'g read as m/s^2, or the other way round'}
+TELLING = 0.6  # correlation from which on a gain is judged
+SUSTAINED_S = 1.0  # of gentle driving
+# a slower car's lateral speed is mostly that of rolling, whatever its tyres
+SLIPPING_MPS = 15.0
+CLEAR = 1.3  # how much better the other sign of vy explains the rear slip
+
+
+def check(
+    path: Path, t: np.ndarray, signals: Mapping[str, np.ndarray], log_map: LogMap
+) -> list[str]:
+    """Raise BagError where signs or units of a log (SI) cannot be right; it names the signal.
+
+    Returns what could not be checked.
+    """
+    from scipy.ndimage import minimum_filter1d
+
+    vx, r, steer = signals['vx'], signals['yaw_rate'], signals['steer']
+    if np.median(vx) < 0:
+        raise BagError(f'{path}: vx: is negative most of the time; set sign: -1 in the map')
+    if np.quantile(vx, 0.99) > FASTEST_MPS:
+        raise BagError(f'{path}: vx: up to {vx.max():.0f} m/s; is its unit right?')
+    if np.quantile(vx, 0.99) < SLOWEST_MPS:
+        raise BagError(f'{path}: vx: at most {vx.max():.1f} m/s; is its unit right?')
+    body = log_map.car.car
+    wheelbase = body.cog_to_front_m + body.cog_to_rear_m
+    geometric = vx * np.tan(np.clip(steer, -1, 1)) / wheelbase
+    gentle = (vx > SLOWEST_MPS) & (np.abs(vx * r) < GENTLE_MPS2)
+    gentle = minimum_filter1d(gentle, max(round(SUSTAINED_S / float(np.median(np.diff(t)))), 1))
+    turning = np.maximum(np.abs(r), np.abs(geometric)) > EXCITED_RADPS
+    rows = gentle & turning
+    if rows.sum() < LEAST_ROWS:
+        # wrong units may have hidden the gentle driving
+        rows = (vx > SLOWEST_MPS) & turning
+        if rows.sum() < LEAST_ROWS:
+            raise BagError(f'{path}: yaw_rate, steer: the car hardly turns: nothing to learn')
+    for name, values in (('steer', geometric), ('yaw_rate', r)):
+        if np.std(values[rows]) < 1e-3 * EXCITED_RADPS:
+            raise BagError(f'{path}: {name}: does not change while the car turns')
+    fastest = float(np.quantile(np.abs(vx * r), 0.995))
+    if fastest > GREATEST_MPS2:
+        raise BagError(
+            f'{path}: vx yaw_rate: up to {fastest:.0f} m/s^2; a car reaches {GREATEST_MPS2:g}: are '
+            'the units of vx and yaw_rate right?'
+        )
+    best = _best_gain(t, geometric, r, rows)
+    unknown = _judge(path, 'yaw_rate over vx steer / L', *best, GAIN, STEER_MISTAKES)
+    if 'ay' in signals:
+        gain, fit = _gain(vx * r, signals['ay'], turning & (vx > SLOWEST_MPS))
+        unknown += _judge(path, 'ay over vx yaw_rate', gain, fit, AY_GAIN, AY_MISTAKES)
+    return unknown + _check_lateral_sign(path, t, signals, log_map)
+
+
+def _best_gain(t, x, y, rows):
+    """Return the gain of y over x, and their correlation, at the delay at which it is greatest."""
+    step = float(np.median(np.diff(t)))
+    delays = range(0, max(round(LATEST_S / step), 1), max(round(0.02 / step), 1))
+    return max((_gain(np.roll(x, d), y, rows) for d in delays), key=lambda pair: abs(pair[1]))
+
+
+def _gain(x, y, rows):
+    x, y = x[rows], y[rows]
+    power = float(np.sqrt((x @ x) * (y @ y)))
+    return (float(x @ y / (x @ x)), float(x @ y / power)) if power else (0.0, 0.0)
+
+
+def _judge(path, what, gain, correlation, allowed, mistakes):
+    low, high = allowed
+    if abs(correlation) < TELLING:
+        return [f'{what}: not checked, correlation {correlation:.2f}']
+    if gain < 0:
+        raise BagError(
+            f'{path}: {what} is {gain:.3g}, negative: one of them has the wrong sign (left and '
+            'turning left are positive); set sign: -1 in the map'
+        )
+    if low <= gain <= high:
+        return []
+    size = abs(np.log(max(gain, 1e-9)))
+    near = min(mistakes, key=lambda factor: abs(size - np.log(factor)))
+    raise BagError(
+        f'{path}: {what} is {gain:.3g}; a car has {low:g} to {high:g}: as with {mistakes[near]}'
+    )
+
+
+def _check_lateral_sign(path, t, signals, log_map):
+    from scipy.ndimage import uniform_filter1d
+
+    body = log_map.car.car
+    wheelbase = body.cog_to_front_m + body.cog_to_rear_m
+    rows_per_window = max(round(0.1 / float(np.median(np.diff(t)))), 1)
+    vx, vy, r = (uniform_filter1d(signals[n], rows_per_window) for n in ('vx', 'vy', 'yaw_rate'))
+    sensor = log_map.columns.sensor
+    vy_ahead = (sensor.ahead_m or 0.0) * r
+    rows = (vx > SLIPPING_MPS) & (np.abs(r) > EXCITED_RADPS)
+    if rows.sum() < LEAST_ROWS:
+        return [f'sign of vy: not checked, the car turns below {SLIPPING_MPS:g} m/s only']
+    wrong_share = {}  # of the slip that the force does not explain
+    for sign in (1, -1):
+        vy_cog = sign * vy - vy_ahead
+        ay = np.gradient(vy_cog, t) + vx * r
+        force = body.mass_kg * body.cog_to_front_m * ay
+        force = (force - body.yaw_inertia_kgm2 * np.gradient(r, t)) / wheelbase
+        slip = (vy_cog - body.cog_to_rear_m * r) / np.maximum(vx, SLOWEST_MPS)
+        gain, fit = _gain(force, slip, rows)
+        wrong_share[sign] = float(np.sqrt(1 - fit**2)) if gain < 0 else 1.0
+    if wrong_share[1] > CLEAR * wrong_share[-1]:
+        raise BagError(
+            f'{path}: vy: with the other sign the rear axle slips as its force demands, with this '
+            'one it does not; set sign: -1 in the map (left is positive)'
+        )
+    return []
