@@ -41,6 +41,7 @@ def _flat(topic, msg):
 
 # each takes a message and returns the value of `types` that is named alike
 odometry = partial(_flat, '/vehicle/odometry')
+estimate = partial(_flat, '/estimator/odometry')
 imu = partial(_flat, '/vehicle/imu')
 actuators = partial(_flat, '/vehicle/actuators')
 wheels = partial(_flat, '/vehicle/wheels')

@@ -32,6 +32,11 @@ def odometry(x: types.VehicleState) -> Odometry:
     return _flat('/vehicle/odometry', Odometry, x)
 
 
+def estimate(x: types.VehicleState) -> Odometry:
+    """Return /estimator/odometry."""
+    return _flat('/estimator/odometry', Odometry, x)
+
+
 def imu(x: types.Imu) -> Imu:
     """Return /vehicle/imu."""
     return _flat('/vehicle/imu', Imu, x)

@@ -58,7 +58,8 @@ def decoded(topic: str, message: Any) -> Any:
 
 
 def _function(topic):
-    return 'health' if topic == '/diagnostics' else topic.rpartition('/')[2]
+    own = {'/diagnostics': 'health', '/estimator/odometry': 'estimate'}
+    return own.get(topic, topic.rpartition('/')[2])
 
 
 @cache

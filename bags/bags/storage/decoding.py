@@ -39,7 +39,7 @@ DECODERS = {
     '/sensors/inertial': decode.inertial,
     '/sensors/chassis': decode.chassis,
     '/sensors/gnss': decode.gnss,
-    '/estimator/odometry': decode.odometry,
+    '/estimator/odometry': decode.estimate,
     '/controller/command': decode.command,
     '/controller/prediction': decode.prediction,
     '/controller/why': decode.why,

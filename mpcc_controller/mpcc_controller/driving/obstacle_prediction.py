@@ -140,7 +140,8 @@ def _predict(
         own = 1.0 - sum(branch.probability for branch in given)
         hypotheses = [(branch.probability, branch) for branch in given]
         if own > params.tracker.contact or not given:
-            hypotheses += [(own * h.probability, h) for h in _hypotheses(track, road.of.get(o.id))]
+            follower = road.followers.get(o.id)
+            hypotheses += [(own * h.probability, h) for h in _hypotheses(track, follower)]
         hypotheses.sort(key=lambda pair: -pair[0])
         discs: list[PredictedObstacle] = []
         for probability, how in hypotheses:
@@ -175,7 +176,7 @@ class _Road:
     """The centre of the road beside the obstacles of a message, and those that follow it, by id."""
 
     def __init__(self, items, tracks, scene, car, reach_s, params):
-        self.of: dict[int, OnRoad] = {}
+        self.followers: dict[int, OnRoad] = {}
         most = params.surroundings.follow_road_rad
         if most is None or scene.path is None or scene.road is None or not items:
             return
@@ -212,7 +213,7 @@ class _Road:
             kappa = float(track.centre.kappa[row])
             shrink = 1.0 - kappa * float(offset[0])  # 0 in the centre of a bend
             if abs(angle) <= most and abs(offset[0]) <= track.half_width[row] and shrink > 0.1:
-                self.of[o.id] = OnRoad(way, angle, way * kappa / shrink, s, offset)
+                self.followers[o.id] = OnRoad(way, angle, way * kappa / shrink, s, offset)
 
     def at(self, s):
         """Return the poses of the centre at stations [m]."""
@@ -292,7 +293,7 @@ def _expected(
         braked = np.minimum(t, speed / how.braking)
         driven = speed * braked - how.braking * braked**2 / 2
     if how.kind == LANE:
-        return _along_road(places, driven, road.of[o.id], road), sd
+        return _along_road(places, driven, road.followers[o.id], road), sd
     if how.kind == STRAIGHT:
         moved = np.outer(v / speed, driven)
         return [place[:, None] + moved for place in places], sd
