@@ -62,15 +62,16 @@ def evaluate(scn: Scenario, motion: Motion, body: Body) -> Evaluation:
     """Return the evaluation of a run of a scenario."""
     begin_ns = int(motion.stamp_ns[0])
     circles, outline = {}, None
-    for actor in scn.actors:
+    for actor in (disc for whole in scn.actors for disc in whole.discs):
         present, x, y = _obstacle(actor, motion.stamp_ns - begin_ns)
         number, radius = actor.obstacle.id, actor.obstacle.r_obs
-        circles[number] = None
+        circles.setdefault(number, None)
         if not present.any():
             continue
         while_present = Motion(*(column[present] for column in motion))
         gaps = [np.hypot(*(c - [x, y])) for c in _circles(while_present, body)]
-        circles[number] = float(np.min(gaps)) - radius - body.radius
+        gap = float(np.min(gaps)) - radius - body.radius
+        circles[number] = gap if circles[number] is None else min(gap, circles[number])
         gap = float(np.min(_to_rectangle(while_present, body, x, y))) - radius
         outline = gap if outline is None else min(gap, outline)
     edges = {

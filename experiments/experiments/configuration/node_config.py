@@ -26,7 +26,7 @@ from vehicle_plant.parameters import StopParams
 
 PYTHON = '.py'  # suffix of a program
 NO_OVERRIDES: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
-ROLES = ('recorder', 'scenario', 'estimator', 'controller', 'plant')
+ROLES = ('recorder', 'scenario', 'controller', 'plant')
 # package and file of the defaults that each node loads by itself, by role
 DEFAULTS = {
     'recorder': ('bags', 'recorder.yaml'),

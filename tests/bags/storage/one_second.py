@@ -62,6 +62,17 @@ def every_message():
             types.Wheels(ns, FOUR, FOUR, (4e3 + k, 3e3, 2e3, 1e3), SLIPS, FOUR, SLIPS[::-1], FOUR)
             for k, ns in enumerate(steps[::10])
         ],
+        '/sensors/inertial': [
+            types.Imu(ns, 0.2 * k, -0.1 * k, 0.4) for k, ns in enumerate(steps[::10])
+        ],
+        '/sensors/chassis': [types.Chassis(ns, 0.01 * k, FOUR) for k, ns in enumerate(steps[::10])],
+        '/sensors/gnss': [
+            types.Gnss(ns, 2.0 * k, 0.5 * k, 20.0, 0.1) for k, ns in enumerate(steps[::100])
+        ],
+        '/estimator/odometry': [
+            types.VehicleState(ns, 0.2 * k, 0.01 * k, 0.003 * k, 20.0, 0.1, 1e-3 * k)
+            for k, ns in enumerate(steps[::10])
+        ],
         '/controller/command': [
             types.Command(ns, 0.01 * k, 0.2, -100.0 * k, -50.0) for k, ns in enumerate(ticks)
         ],

@@ -43,7 +43,8 @@ def read_rows(folder):
 
 
 def run(study, folder, limit_s=TIMEOUT_S, **more):
-    options = {'study': study, 'out': folder, 'jobs': 1, 'dask': '', 'time_limit_s': limit_s}
+    options = {'study': study, 'out': folder, 'jobs': 1, 'dask': '', 'settings': []}
+    options |= {'time_limit_s': limit_s}
     return run_batch.run(Namespace(**options), Console(quiet=True), **more)
 
 
