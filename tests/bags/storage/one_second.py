@@ -67,7 +67,7 @@ def every_message():
         ],
         '/sensors/chassis': [types.Chassis(ns, 0.01 * k, FOUR) for k, ns in enumerate(steps[::10])],
         '/sensors/gnss': [
-            types.Gnss(ns, 2.0 * k, 0.5 * k, 20.0, 0.1) for k, ns in enumerate(steps[::100])
+            types.Gnss(ns, 2.0 * k, 0.5 * k, 20.0, 0.1) for k, ns in enumerate(steps[::50])
         ],
         '/estimator/odometry': [
             types.VehicleState(ns, 0.2 * k, 0.01 * k, 0.003 * k, 20.0, 0.1, 1e-3 * k)
