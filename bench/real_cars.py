@@ -28,7 +28,7 @@ HERE = Path(__file__).parent / 'real_cars'
 ALL = tuple(single_track_fit.ADDITIONS)
 VARIANTS = {
     'prediction model': ((), {}),
-    'the same, CoG as published': ((), {'cog_to_front_m': 0.0}),
+    'CoG as published': ((), {'cog_to_front_m': 0.0}),
     'with relaxation': (('relaxation',), {}),
     'with load transfer': (('load',), {}),
     'with steering compliance': (('compliance',), {}),

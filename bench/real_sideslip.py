@@ -1,12 +1,12 @@
 """Sideslip angle of real cars from their IMU, steering and speed, against the measured one.
 
-    python bench/real_sideslip.py volvo_v40 SWD_80kph.VBO
+    python bench/real_sideslip.py volvo_v40 SWD_80kph.VBO --fit runs/car_volvo_v40.yaml
 
 The maps of the logs are bench/real_cars/*.yaml, which say where the files are from. The estimator
 gets the accelerations and the yaw rate as they were measured, the road-wheel angle, and the
-longitudinal speed in place of that of the rear wheels; no position. Tyres are those of a fit to
-other logs of the car; roll, and friction where no log tells it, are judgement. What is compared:
-the filter, the kinematic observer, and zero.
+longitudinal speed in place of that of the rear wheels; no position. Tyres and offsets are those
+that `experiments identify` or bench/real_cars.py found in other logs of the car; roll, and friction
+where no log tells it, are judgement. What is compared: the filter, the kinematic observer, and zero.
 """
 
 import argparse
@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.measured import log_map, log_readers, measured_log
+from experiments.measured import fit_report, log_map, log_readers, measured_log
+from experiments.measured.single_track_fit import Fit
 from msgs_yaml.types import Chassis, Gnss, Imu
 from node_runtime import node_parameters, parameters
 from state_estimator import estimators
@@ -26,7 +27,7 @@ MAPS = Path(__file__).parent / 'real_cars'
 LIMIT_MPS2 = 6.0
 LEAST_MPS = 5.0
 MOST_STEER_RAD = 1.0  # what is beyond is a spike
-RADIUS_M = 0.3  # any: speed is given as that of wheels
+RADIUS_M, TRACK_M = 0.3, 1.5  # any: speed is given as that of wheels
 # what these logs have in place of wheel speeds is exact; without a roll rate, roll follows at once
 OWN = {
     'roll_time_s': 0.05,
@@ -35,84 +36,59 @@ OWN = {
     'wheel_error': 0.0,
     'wheel_time_s': 0.05,
 }
-# fits of single tracks to the logs of `fit` in frozen.yaml; cog_to_front_m is added to the map's
-FITS = {
-    'volvo_v40': {
-        'front_cornering_npr': 81372.0,
-        'rear_cornering_npr': 197150.0,
-        'front_friction': 0.88955,
-        'rear_friction': 0.9426,
-        'cog_to_front_m': 0.1,
-        'steer_rad': -0.00035,
-        'sideslip_rad': 0.0038,
-        'delay_s': 0.042,
-        'roll_radps2': 0.0075,
-    },
-    'volvo_s90': {
-        'front_cornering_npr': 152274.0,
-        'rear_cornering_npr': 315339.0,
-        'front_friction': 1.0,
-        'rear_friction': 1.0,
-        'cog_to_front_m': 0.1,
-        'steer_rad': -0.0023,
-        'sideslip_rad': 0.0007,
-        'delay_s': 0.0,
-        'roll_radps2': 0.006,
-    },
-    'ferrari_250lm': {
-        'front_cornering_npr': 88680.0,
-        'rear_cornering_npr': 126649.0,
-        'front_friction': 1.023,
-        'rear_friction': 1.084,
-        'cog_to_front_m': -0.1,
-        'steer_rad': 0.00077,
-        'sideslip_rad': -0.0008,
-        'delay_s': 0.0,
-        'roll_radps2': 0.003,
-    },
-}
+# rad per m/s^2, of the body; judgement, as no log tells it
+ROLL = {'volvo_v40': 0.0075, 'volvo_s90': 0.006, 'ferrari_250lm': 0.003}
+UNTOLD_FRICTION = 1.0  # where the logs that were fitted do not tell it
 
 
-def vehicle(known: log_map.LogMap, fit: dict[str, float]) -> Vehicle:
+def vehicle(known: log_map.LogMap, fit: Fit, roll_radps2: float) -> Vehicle:
     """Return the car of a map with the tyres of a fit."""
-    own, shift = known.car.car, fit['cog_to_front_m']
+    fitted = fit_report.fitted_car(known.car, fit)
+    own, tyre = fitted.car, fitted.tyre
+    friction = {
+        name: UNTOLD_FRICTION if name in fit.vague else getattr(tyre, name)
+        for name in ('front_friction', 'rear_friction')
+    }
     return Vehicle(
         mass_kg=own.mass_kg,
         yaw_inertia_kgm2=own.yaw_inertia_kgm2,
-        front_m=own.cog_to_front_m + shift,
-        rear_m=own.cog_to_rear_m - shift,
+        front_m=own.cog_to_front_m,
+        rear_m=own.cog_to_rear_m,
         cog_height_m=own.cog_height_m,
-        track_m=1.5,
+        track_m=TRACK_M,
         wheel_radius_m=RADIUS_M,
         drive_front_share=1.0,
-        **{name: fit[name] for name in parameters.leaves(Vehicle) if name in fit},
+        front_cornering_npr=tyre.front_cornering_npr,
+        rear_cornering_npr=tyre.rear_cornering_npr,
+        **friction,
         relaxation_m=0.5,
         slip_per_mps2=0.0,
-        pitch_radps2=0.5 * fit['roll_radps2'],
+        roll_radps2=roll_radps2,
+        pitch_radps2=0.5 * roll_radps2,
     )
 
 
-def messages(signals: dict[str, np.ndarray], known: log_map.LogMap, fit: dict[str, float]):
+def messages(signals: dict[str, np.ndarray], known: log_map.LogMap, fit: Fit):
     """Yield what the sensors say, in order; a first fix says the speed."""
     t, r = signals['time'], signals['yaw_rate']
     vx = signals['vx'] + (known.columns.sensor.left_m or 0.0) * r
     steer = signals['steer']
     spikes = ~(np.abs(steer) < MOST_STEER_RAD)
     last = np.maximum.accumulate(np.where(spikes, 0, np.arange(len(t))))
-    steer = np.interp(t - fit['delay_s'], t, steer[last]) + fit['steer_rad']
-    track = 0.75
+    steer = np.interp(t - fit.values['steer_delay_s'], t, steer[last])
+    steer = steer + fit.values['steer_offset_rad']
     for k in range(len(t)):
         ns = round(t[k] * 1e9) + 1_000_000_000
         if k == 0:
             yield Gnss(ns, 0.0, 0.0, float(vx[0]), 0.0)
-        wheels = (math.nan, math.nan, vx[k] - track * r[k], vx[k] + track * r[k])
+        wheels = (math.nan, math.nan, vx[k] - TRACK_M / 2 * r[k], vx[k] + TRACK_M / 2 * r[k])
         yield Chassis(ns, float(steer[k]), tuple(w / RADIUS_M for w in wheels))
         yield Imu(ns, float(signals['ax'][k]), float(signals['ay'][k]), float(r[k]))
 
 
-def compare(car: str, path: Path, begin: float = 0.0, end: float = 1.0, **given: float) -> dict:
+def compare(car: str, path: Path, fit: Fit, begin: float = 0.0, end: float = 1.0) -> dict:
     """Return rms and greatest errors [deg] by method, between two shares of the time."""
-    known, fit = log_map.load(MAPS / f'{car}.yaml'), FITS[car]
+    known = log_map.load(MAPS / f'{car}.yaml')
     signals = log_readers.read(path, known)
     t = signals['time'] - signals['time'][0]
     part = (t >= begin * t[-1]) & (t <= end * t[-1]) & np.append(True, np.diff(t) > 0)
@@ -122,12 +98,11 @@ def compare(car: str, path: Path, begin: float = 0.0, end: float = 1.0, **given:
     step = float(np.median(np.diff(signals['time'])))
     defaults = node_parameters.find_config('state_estimator', 'estimator.yaml')
     params = parameters.load(EstimatorParams, defaults)
-    own = {**OWN, **given}
-    params = replace(params, imu_s=step, chassis_s=step, **own)
-    beta = np.arctan2(truth.vy, truth.vx) - fit['sideslip_rad']
-    rows = {}
+    params = replace(params, imu_s=step, chassis_s=step, **OWN)
+    beta = np.arctan2(truth.vy, truth.vx) - fit.values['sideslip_offset_rad']
+    rows, own = {}, vehicle(known, fit, ROLL[car])
     for method in ('filter', 'kinematic'):
-        estimator = estimators.create(replace(params, method=method), vehicle(known, fit), 0.0)
+        estimator = estimators.create(replace(params, method=method), own, 0.0)
         results = [e for m in messages(signals, known, fit) if (e := estimator.update(m))]
         at = np.array([(e.state.stamp_ns - 1_000_000_000) / 1e9 for e in results])
         believed = np.array([math.atan2(e.state.vy, e.state.vx) for e in results])
@@ -156,11 +131,16 @@ def compare(car: str, path: Path, begin: float = 0.0, end: float = 1.0, **given:
 def main() -> None:
     """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
-    parser.add_argument('car', choices=FITS)
+    parser.add_argument('car', choices=ROLL)
     parser.add_argument('log', type=Path)
+    text = 'car file of `experiments identify` on other logs, its .json beside it'
+    parser.add_argument('--fit', type=Path, required=True, metavar='FILE', help=text)
     parser.add_argument('--part', type=float, nargs=2, default=(0.0, 1.0), metavar=('FROM', 'TO'))
     options = parser.parse_args()
-    table = compare(options.car, options.log, *options.part)
+    fit = fit_report.read_fit(options.fit)
+    if fit is None:
+        parser.error(f'--fit {options.fit}: has no .json of `experiments identify` beside it')
+    table = compare(options.car, options.log, fit, *options.part)
     print(f'{options.log.name}: {table.pop("seconds"):.1f} s above {LIMIT_MPS2:g} m/s^2')
     for name, row in table.items():
         print(f'  {name:10}', ', '.join(f'{key} {value:.2f}' for key, value in row.items()))
