@@ -6,7 +6,7 @@ The maps of the logs are bench/real_cars/*.yaml, which say where the files are f
 gets the accelerations and the yaw rate as they were measured, the road-wheel angle, and the
 longitudinal speed in place of that of the rear wheels; no position. Tyres and offsets are those
 that `experiments identify` or bench/real_cars.py found in other logs of the car; roll, and friction
-where no log tells it, are judgement. What is compared: the filter, the kinematic observer, and zero.
+where no log tells it, are judgement. Compared are the filter, the kinematic observer, and zero.
 """
 
 import argparse

@@ -39,7 +39,7 @@ def _flat(topic, msg):
     return fields.to_value(conversions.stamp_to_ns(msg.header.stamp), fields.numbers_of(msg))
 
 
-# each takes a message and returns the value of `types` that is named alike
+# each takes a message of its topic and returns the value
 odometry = partial(_flat, '/vehicle/odometry')
 estimate = partial(_flat, '/estimator/odometry')
 imu = partial(_flat, '/vehicle/imu')

@@ -5,6 +5,7 @@ Every function but `transform` is the inverse of the one of the same name in `de
 
 import math
 from array import array
+from functools import partial
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
@@ -27,49 +28,21 @@ _WHITE = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
 _RED = ColorRGBA(r=0.85, g=0.15, b=0.1, a=0.9)
 
 
-def odometry(x: types.VehicleState) -> Odometry:
-    """Return /vehicle/odometry."""
-    return _flat('/vehicle/odometry', Odometry, x)
+def _flat(topic, kind, x):
+    """Return the message of a value of `flat_fields.TYPES`."""
+    return deserialize_message(flat_fields.load(topic).fill(x), kind)
 
 
-def estimate(x: types.VehicleState) -> Odometry:
-    """Return /estimator/odometry."""
-    return _flat('/estimator/odometry', Odometry, x)
-
-
-def imu(x: types.Imu) -> Imu:
-    """Return /vehicle/imu."""
-    return _flat('/vehicle/imu', Imu, x)
-
-
-def actuators(x: types.Actuators) -> JointState:
-    """Return /vehicle/actuators."""
-    return _flat('/vehicle/actuators', JointState, x)
-
-
-def wheels(x: types.Wheels) -> JointState:
-    """Return /vehicle/wheels."""
-    return _flat('/vehicle/wheels', JointState, x)
-
-
-def inertial(x: types.Imu) -> Imu:
-    """Return /sensors/inertial."""
-    return _flat('/sensors/inertial', Imu, x)
-
-
-def chassis(x: types.Chassis) -> JointState:
-    """Return /sensors/chassis."""
-    return _flat('/sensors/chassis', JointState, x)
-
-
-def gnss(x: types.Gnss) -> Odometry:
-    """Return /sensors/gnss."""
-    return _flat('/sensors/gnss', Odometry, x)
-
-
-def command(x: types.Command) -> JointState:
-    """Return /controller/command."""
-    return _flat('/controller/command', JointState, x)
+# each takes the value of its topic and returns the message
+odometry = partial(_flat, '/vehicle/odometry', Odometry)
+estimate = partial(_flat, '/estimator/odometry', Odometry)
+imu = partial(_flat, '/vehicle/imu', Imu)
+actuators = partial(_flat, '/vehicle/actuators', JointState)
+wheels = partial(_flat, '/vehicle/wheels', JointState)
+inertial = partial(_flat, '/sensors/inertial', Imu)
+chassis = partial(_flat, '/sensors/chassis', JointState)
+gnss = partial(_flat, '/sensors/gnss', Odometry)
+command = partial(_flat, '/controller/command', JointState)
 
 
 def transform(x: types.VehicleState) -> TransformStamped:
@@ -171,11 +144,6 @@ def clock(stamp_ns: int) -> Clock:
 def run_start(stamp_ns: int) -> Time:
     """Return /vehicle/run_start; 0 ns stands for a run that has not begun."""
     return _time(stamp_ns)
-
-
-def _flat(topic, kind, x):
-    """Return the message of a value of `flat_fields.TYPES`."""
-    return deserialize_message(flat_fields.load(topic).fill(x), kind)
 
 
 def _path(topic, x):
