@@ -32,8 +32,15 @@ def wait_until(
 
 
 def lives(pid: int) -> bool:
-    """Tell whether a process is there and no zombie."""
+    """Tell whether any thread of a process is there and has not ended.
+
+    The first one may be a zombie while another one still holds the pipes of the process.
+    """
+    threads = Path(f'/proc/{pid}/task')
     try:
-        return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] != 'Z'
+        states = [
+            (one / 'stat').read_text().rpartition(')')[2].split()[0] for one in threads.iterdir()
+        ]
     except (FileNotFoundError, ProcessLookupError):
-        return False
+        return (threads / f'{pid}').exists() and lives(pid)  # a thread ended meanwhile
+    return any(state not in 'ZX' for state in states)

@@ -104,8 +104,8 @@ def min_time_gap_s(run):
         is_ahead = (clearance > 0.0) & (other.speed > MOVING_MPS) & (traffic.speed > MOVING_MPS)
         is_ahead &= (other.offset < traffic.left) & (other.offset > -traffic.right)
         since = rows - np.maximum.accumulate(np.where(is_ahead, -1, rows))
-        gaps = (clearance / traffic.speed)[is_ahead & (since * STEP_NS > SETTLE_NS)]
-        least = np.min(gaps, initial=least)
+        stays = is_ahead & (since * STEP_NS > SETTLE_NS)
+        least = np.min(clearance[stays] / traffic.speed[stays], initial=least)
     return float(least) if np.isfinite(least) else None
 
 
