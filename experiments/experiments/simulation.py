@@ -1,7 +1,7 @@
 """The closed loop in process, without ROS: the steps of the nodes in lockstep, in their order."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from experiments import estimation, plant_limit
 from experiments.configuration import inputs, node_config
 from experiments.estimation import Estimator
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.records import TickInputs
+from mpcc_controller.driving.records import TickInputs, TickRecord
 from mpcc_controller.parameters import CarParams, ControllerParams
 from msgs_yaml import conversions
 from msgs_yaml.conversions import NS_PER_S
@@ -139,6 +139,57 @@ def drive(setup: Setup) -> Drive:
     return drive_from_columns(run(setup, explain=False), run_info(setup), setup.controller)
 
 
+class Step(NamedTuple):
+    """One tick of a simulation: what was there, and the answer to it.
+
+    Controller, car and estimator are those of the simulation, which the next step changes.
+    """
+
+    controller: Controller
+    car: Simulator
+    estimator: Estimator | None
+    track: Any  # of the plant since the step before, one row per millisecond; at first the start
+    readings: Sequence[Any]  # of the sensors, since the step before
+    obstacles: Any
+    predictions: Any  # None where the scenario predicts nothing
+    record: TickRecord
+
+
+def steps(setup: Setup) -> Iterator[Step]:
+    """Simulate until the run ends; yield after every answer, before the plant follows it."""
+    scn = setup.scn
+    car = Simulator(
+        setup.plant,
+        setup.friction,
+        Start(*scn.start),
+        patches=road_friction.patch_array(*scn.patches),
+    )
+    plant_side = LockstepStepper(car, RunEnd(inputs.stop_params(scn), car.now))
+    controller = make_controller(setup, car)
+    sensors = setup.sensors and Sensors(setup.sensors, setup.plant.car, setup.sensors_seed, car.now)
+    estimator = make_estimator(setup)
+    track, predictions = car.now, None
+    while True:
+        readings = sensors.measure(track) if sensors else []
+        if estimator:
+            estimator.read(readings)
+        t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S
+        obstacles = scenario.obstacles_at(scn, t, car.stamp_ns, (car.state.X, car.state.Y))
+        controller.set_obstacles(obstacles)
+        if scn.predicts:
+            predictions = scenario.predictions_at(scn, t, obstacles)
+            controller.set_predictions(predictions)
+        # as over ROS, the final state is still answered
+        state = estimator.state(car.stamp_ns) if estimator else car.state
+        state = conversions.odometry_as_received(state)
+        record = controller.step(TickInputs(state, actuators=car.actuators))
+        yield Step(controller, car, estimator, track, readings, obstacles, predictions, record)
+        if plant_side.outcome:
+            return
+        controller.prepare()
+        track = plant_side.tick(record.command)
+
+
 def run(
     setup: Setup,
     explain: bool = True,
@@ -151,60 +202,35 @@ def run(
     values alone that do not need the plan (`TickReporter.why`). A drive also ends after the first
     tick in whose state `give_up` is true.
     """
-    scn = setup.scn
-    car = Simulator(
-        setup.plant,
-        setup.friction,
-        Start(*scn.start),
-        patches=road_friction.patch_array(*scn.patches),
-    )
-    plant_side = LockstepStepper(car, RunEnd(inputs.stop_params(scn), car.now))
-    controller = make_controller(setup, car)
-    sensors = setup.sensors and Sensors(setup.sensors, setup.plant.car, setup.sensors_seed, car.now)
-    readings = sensors.measure(car.now) if sensors else []
-    estimator = make_estimator(setup)
-    if estimator:
-        estimator.read(readings)
-    tracks, obstacles, predictions, commands, plans, reports = [car.now], [], [], [], [], []
-    while True:
-        t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S
-        place = car.state.X, car.state.Y
-        obstacles.append(scenario.obstacles_at(scn, t, car.stamp_ns, place))
-        controller.set_obstacles(obstacles[-1])
-        if scn.predicts:
-            predictions.append(scenario.predictions_at(scn, t, obstacles[-1]))
-            controller.set_predictions(predictions[-1])
-        # as over ROS, the final state is still answered
-        state = estimator.state(car.stamp_ns) if estimator else car.state
-        state = conversions.odometry_as_received(state)
-        record = controller.step(TickInputs(state, actuators=car.actuators))
-        commands.append(record.command)
-        reports.append(controller.reporter.why(record, explain))
+    tracks, readings, obstacles, predictions, commands, reports, plans = ([] for _ in range(7))
+    for step in steps(setup):
+        tracks.append(step.track)
+        readings += step.readings
+        obstacles.append(step.obstacles)
+        predictions.append(step.predictions)
+        commands.append(step.record.command)
+        reports.append(step.controller.reporter.why(step.record, explain))
         if explain:
-            plans.append(controller.reporter.prediction(record))
-        if plant_side.outcome or give_up(car.state):
+            plan = step.controller.reporter.prediction(step.record)
+            plans.append(conversions.prediction_as_received(plan))
+        if give_up(step.car.state):
             break
-        controller.prepare()
-        tracks.append(plant_side.tick(record.command))
-        if sensors:
-            arrived = sensors.measure(tracks[-1])
-            readings += arrived
-            estimator.read(arrived)
     values = {
-        '/scenario/reference': [conversions.reference_as_received(scn.reference)],
-        '/scenario/road_edges': [scn.edges],
+        '/scenario/reference': [conversions.reference_as_received(setup.scn.reference)],
+        '/scenario/road_edges': [setup.scn.edges],
         '/scenario/obstacles': obstacles,
         '/controller/why': reports,
     }
-    if predictions:
+    if setup.scn.predicts:
         values['/scenario/predictions'] = predictions
     if explain:
-        received = [conversions.prediction_as_received(plan) for plan in plans]
-        values['/controller/prediction'] = received
-    measured = {topic: [r.value for r in readings if r.topic == topic] for topic in TOPICS}
-    if estimator:
-        measured['/estimator/odometry'] = [e.state for e in estimator.estimates]
-    return build_columns(join_trajectories(tracks), commands, values, measured if sensors else {})
+        values['/controller/prediction'] = plans
+    measured = {}
+    if setup.sensors:
+        measured = {topic: [r.value for r in readings if r.topic == topic] for topic in TOPICS}
+    if step.estimator:
+        measured['/estimator/odometry'] = [e.state for e in step.estimator.estimates]
+    return build_columns(join_trajectories(tracks), commands, values, measured)
 
 
 def make_estimator(setup: Setup) -> Estimator | None:
