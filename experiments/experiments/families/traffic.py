@@ -209,8 +209,8 @@ def roundabout_entry(random: Random, hard: bool) -> Document | None:
         straight(25.0),
     ]
     length = merge + turn * ring + 2.0 * mouth + bend + 25.0
-    # their way begins on the ring, to the left of the merge
-    theirs, before, aside = speed * random.uniform(0.8, 1.1), 8.0, 16.0
+    # their way begins to the left, as long before the merge as their speed needs
+    theirs, before, aside = speed * random.uniform(0.7, 0.9), 28.0, 7.0
     points = [
         waypoint(merge - before, aside, theirs),
         waypoint(merge + 6.0, 0.0, theirs),
