@@ -26,6 +26,7 @@ from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
 from state_estimator.parameters import EstimatorParams
 from vehicle_plant import road_friction
+from vehicle_plant.actuator_faults import FaultParams
 from vehicle_plant.initial_state import Start
 from vehicle_plant.parameters import PlantParams, load_sensors
 from vehicle_plant.run_end import RunEnd
@@ -45,6 +46,7 @@ PLANT_SETTINGS = (
     'sensors_seed',
     node_config.PLANT_DEFAULTS,
 )
+PLANT_GROUPS = (inputs.PLANT_CAR, 'faults.')
 # how a script names another car file, and how it drives with any
 IN_PYTHON = ("the setting 'controller.car_file': './my_car.yaml'", 'any_car=True')
 SLOW_NS = 10_000_000  # between two messages of /vehicle/imu and /vehicle/wheels
@@ -63,6 +65,7 @@ class Setup(NamedTuple):
     sensors: SensorParams | None = None  # of the car; None: it has none
     sensors_seed: int = 0  # of their errors
     estimator: EstimatorParams | None = None  # None: the controller is fed the true state
+    faults: FaultParams | None = None  # of the actuators
 
     def __repr__(self) -> str:
         return f'Setup({self.controller!r}, {self.scn.name!r}, friction={self.friction:g})'
@@ -100,8 +103,9 @@ def prepare_scenario(
     For errors: `source` is the file of the scenario, `written` says how the caller wrote a setting.
     """
     for name in settings.get('plant', ()):
-        if name not in PLANT_SETTINGS and not name.startswith(inputs.PLANT_CAR):
-            allowed = f'{", ".join(PLANT_SETTINGS)} and {inputs.PLANT_CAR}*'
+        if name not in PLANT_SETTINGS and not name.startswith(PLANT_GROUPS):
+            groups = ' and '.join(f'{group}*' for group in PLANT_GROUPS)
+            allowed = f'{", ".join(PLANT_SETTINGS)}, {groups}'
             raise BagError(f'plant.{name} has no effect in process; allowed are {allowed}')
     chosen = node_config.find_controller(controller)
     unused = Path()
@@ -131,6 +135,7 @@ def prepare_scenario(
         sensors=sensors,
         sensors_seed=node.sensors_seed or 0,
         estimator=sensors and estimation.estimator_params(sensors, believed, given),
+        faults=node.faults,
     )
 
 
@@ -158,12 +163,7 @@ class Step(NamedTuple):
 def steps(setup: Setup) -> Iterator[Step]:
     """Simulate until the run ends; yield after every answer, before the plant follows it."""
     scn = setup.scn
-    car = Simulator(
-        setup.plant,
-        setup.friction,
-        Start(*scn.start),
-        patches=road_friction.patch_array(*scn.patches),
-    )
+    car = make_car(setup)
     plant_side = LockstepStepper(car, RunEnd(inputs.stop_params(scn), car.now))
     controller = make_controller(setup, car)
     sensors = setup.sensors and Sensors(setup.sensors, setup.plant.car, setup.sensors_seed, car.now)
@@ -233,6 +233,14 @@ def run(
     return build_columns(join_trajectories(tracks), commands, values, measured)
 
 
+def make_car(setup: Setup) -> Simulator:
+    """Return the car of a setup at its start."""
+    scn = setup.scn
+    patches = road_friction.patch_array(*scn.patches)
+    start = Start(*scn.start)
+    return Simulator(setup.plant, setup.friction, start, patches=patches, faults=setup.faults)
+
+
 def make_estimator(setup: Setup) -> Estimator | None:
     """Return the estimator between sensors and controller, None for a car without sensors."""
     if setup.estimator is None:
@@ -262,10 +270,12 @@ def run_info(setup: Setup) -> dict[str, str]:
         limit = plant_limit.held_lateral_limit(setup.plant, setup.friction)
     stop = parameters.flatten(inputs.stop_params(scn))
     car = parameters.flatten(setup.plant.car)
+    faults = {k: v for k, v in vars(setup.faults).items() if v is not None} if setup.faults else {}
     values = {
         'controller': parameters.flatten(setup.vehicle) | parameters.flatten(setup.params),
         'plant': {f'car.{name}': value for name, value in car.items()}
         | {f'stop.{name}': value for name, value in stop.items()}
+        | {f'faults.{name}': value for name, value in faults.items()}
         | {'friction': setup.friction},
     }
     return {
