@@ -20,7 +20,7 @@ class FaultParams(Struct):
     steer_stuck: bool | None  # the steering keeps the set-point of that instant
     steer_offset_rad: Annotated[float, Range(-0.2, 0.2, 'rad')] | None  # to the left
     front_force_share: Ratio | None  # of the force of the axle, brakes and drive; 0: lost
-    rear_force_share: Ratio | None
+    rear_force_share: Ratio | None  # the same of the rear axle
     delay_ms: DelayMs | None  # beside that of the servos
 
 
