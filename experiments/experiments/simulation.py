@@ -1,7 +1,7 @@
 """The closed loop in process, without ROS: the steps of the nodes in lockstep, in their order."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from experiments import estimation, plant_limit
 from experiments.configuration import inputs, node_config
 from experiments.estimation import Estimator
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.records import TickInputs
+from mpcc_controller.driving.records import TickInputs, TickRecord
 from mpcc_controller.parameters import CarParams, ControllerParams
 from msgs_yaml import conversions
 from msgs_yaml.conversions import NS_PER_S
@@ -26,6 +26,7 @@ from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
 from state_estimator.parameters import EstimatorParams
 from vehicle_plant import road_friction
+from vehicle_plant.actuator_faults import FaultParams
 from vehicle_plant.initial_state import Start
 from vehicle_plant.parameters import PlantParams, load_sensors
 from vehicle_plant.run_end import RunEnd
@@ -45,6 +46,7 @@ PLANT_SETTINGS = (
     'sensors_seed',
     node_config.PLANT_DEFAULTS,
 )
+PLANT_GROUPS = (inputs.PLANT_CAR, 'faults.')
 # how a script names another car file, and how it drives with any
 IN_PYTHON = ("the setting 'controller.car_file': './my_car.yaml'", 'any_car=True')
 SLOW_NS = 10_000_000  # between two messages of /vehicle/imu and /vehicle/wheels
@@ -63,6 +65,7 @@ class Setup(NamedTuple):
     sensors: SensorParams | None = None  # of the car; None: it has none
     sensors_seed: int = 0  # of their errors
     estimator: EstimatorParams | None = None  # None: the controller is fed the true state
+    faults: FaultParams | None = None  # of the actuators
 
     def __repr__(self) -> str:
         return f'Setup({self.controller!r}, {self.scn.name!r}, friction={self.friction:g})'
@@ -100,8 +103,9 @@ def prepare_scenario(
     For errors: `source` is the file of the scenario, `written` says how the caller wrote a setting.
     """
     for name in settings.get('plant', ()):
-        if name not in PLANT_SETTINGS and not name.startswith(inputs.PLANT_CAR):
-            allowed = f'{", ".join(PLANT_SETTINGS)} and {inputs.PLANT_CAR}*'
+        if name not in PLANT_SETTINGS and not name.startswith(PLANT_GROUPS):
+            groups = ' and '.join(f'{group}*' for group in PLANT_GROUPS)
+            allowed = f'{", ".join(PLANT_SETTINGS)}, {groups}'
             raise BagError(f'plant.{name} has no effect in process; allowed are {allowed}')
     chosen = node_config.find_controller(controller)
     unused = Path()
@@ -131,12 +135,59 @@ def prepare_scenario(
         sensors=sensors,
         sensors_seed=node.sensors_seed or 0,
         estimator=sensors and estimation.estimator_params(sensors, believed, given),
+        faults=node.faults,
     )
 
 
 def drive(setup: Setup) -> Drive:
     """Simulate once and return the Drive of an equivalent recording, ready for the metrics."""
     return drive_from_columns(run(setup, explain=False), run_info(setup), setup.controller)
+
+
+class Step(NamedTuple):
+    """One tick of a simulation: what was there, and the answer to it.
+
+    Controller, car and estimator are those of the simulation, which the next step changes.
+    """
+
+    controller: Controller
+    car: Simulator
+    estimator: Estimator | None
+    track: Any  # of the plant since the step before, one row per millisecond; at first the start
+    readings: Sequence[Any]  # of the sensors, since the step before
+    obstacles: Any
+    predictions: Any  # None where the scenario predicts nothing
+    record: TickRecord
+
+
+def steps(setup: Setup) -> Iterator[Step]:
+    """Simulate until the run ends; yield after every answer, before the plant follows it."""
+    scn = setup.scn
+    car = make_car(setup)
+    plant_side = LockstepStepper(car, RunEnd(inputs.stop_params(scn), car.now))
+    controller = make_controller(setup, car)
+    sensors = setup.sensors and Sensors(setup.sensors, setup.plant.car, setup.sensors_seed, car.now)
+    estimator = make_estimator(setup)
+    track, predictions = car.now, None
+    while True:
+        readings = sensors.measure(track) if sensors else []
+        if estimator:
+            estimator.read(readings)
+        t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S
+        obstacles = scenario.obstacles_at(scn, t, car.stamp_ns, (car.state.X, car.state.Y))
+        controller.set_obstacles(obstacles)
+        if scn.predicts:
+            predictions = scenario.predictions_at(scn, t, obstacles)
+            controller.set_predictions(predictions)
+        # as over ROS, the final state is still answered
+        state = estimator.state(car.stamp_ns) if estimator else car.state
+        state = conversions.odometry_as_received(state)
+        record = controller.step(TickInputs(state, actuators=car.actuators))
+        yield Step(controller, car, estimator, track, readings, obstacles, predictions, record)
+        if plant_side.outcome:
+            return
+        controller.prepare()
+        track = plant_side.tick(record.command)
 
 
 def run(
@@ -151,60 +202,43 @@ def run(
     values alone that do not need the plan (`TickReporter.why`). A drive also ends after the first
     tick in whose state `give_up` is true.
     """
-    scn = setup.scn
-    car = Simulator(
-        setup.plant,
-        setup.friction,
-        Start(*scn.start),
-        patches=road_friction.patch_array(*scn.patches),
-    )
-    plant_side = LockstepStepper(car, RunEnd(inputs.stop_params(scn), car.now))
-    controller = make_controller(setup, car)
-    sensors = setup.sensors and Sensors(setup.sensors, setup.plant.car, setup.sensors_seed, car.now)
-    readings = sensors.measure(car.now) if sensors else []
-    estimator = make_estimator(setup)
-    if estimator:
-        estimator.read(readings)
-    tracks, obstacles, predictions, commands, plans, reports = [car.now], [], [], [], [], []
-    while True:
-        t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S
-        place = car.state.X, car.state.Y
-        obstacles.append(scenario.obstacles_at(scn, t, car.stamp_ns, place))
-        controller.set_obstacles(obstacles[-1])
-        if scn.predicts:
-            predictions.append(scenario.predictions_at(scn, t, obstacles[-1]))
-            controller.set_predictions(predictions[-1])
-        # as over ROS, the final state is still answered
-        state = estimator.state(car.stamp_ns) if estimator else car.state
-        state = conversions.odometry_as_received(state)
-        record = controller.step(TickInputs(state, actuators=car.actuators))
-        commands.append(record.command)
-        reports.append(controller.reporter.why(record, explain))
+    tracks, readings, obstacles, predictions, commands, reports, plans = ([] for _ in range(7))
+    for step in steps(setup):
+        tracks.append(step.track)
+        readings += step.readings
+        obstacles.append(step.obstacles)
+        predictions.append(step.predictions)
+        commands.append(step.record.command)
+        reports.append(step.controller.reporter.why(step.record, explain))
         if explain:
-            plans.append(controller.reporter.prediction(record))
-        if plant_side.outcome or give_up(car.state):
+            plan = step.controller.reporter.prediction(step.record)
+            plans.append(conversions.prediction_as_received(plan))
+        if give_up(step.car.state):
             break
-        controller.prepare()
-        tracks.append(plant_side.tick(record.command))
-        if sensors:
-            arrived = sensors.measure(tracks[-1])
-            readings += arrived
-            estimator.read(arrived)
     values = {
-        '/scenario/reference': [conversions.reference_as_received(scn.reference)],
-        '/scenario/road_edges': [scn.edges],
+        '/scenario/reference': [conversions.reference_as_received(setup.scn.reference)],
+        '/scenario/road_edges': [setup.scn.edges],
         '/scenario/obstacles': obstacles,
         '/controller/why': reports,
     }
-    if predictions:
+    if setup.scn.predicts:
         values['/scenario/predictions'] = predictions
     if explain:
-        received = [conversions.prediction_as_received(plan) for plan in plans]
-        values['/controller/prediction'] = received
-    measured = {topic: [r.value for r in readings if r.topic == topic] for topic in TOPICS}
-    if estimator:
-        measured['/estimator/odometry'] = [e.state for e in estimator.estimates]
-    return build_columns(join_trajectories(tracks), commands, values, measured if sensors else {})
+        values['/controller/prediction'] = plans
+    measured = {}
+    if setup.sensors:
+        measured = {topic: [r.value for r in readings if r.topic == topic] for topic in TOPICS}
+    if step.estimator:
+        measured['/estimator/odometry'] = [e.state for e in step.estimator.estimates]
+    return build_columns(join_trajectories(tracks), commands, values, measured)
+
+
+def make_car(setup: Setup) -> Simulator:
+    """Return the car of a setup at its start."""
+    scn = setup.scn
+    patches = road_friction.patch_array(*scn.patches)
+    start = Start(*scn.start)
+    return Simulator(setup.plant, setup.friction, start, patches=patches, faults=setup.faults)
 
 
 def make_estimator(setup: Setup) -> Estimator | None:
@@ -236,10 +270,12 @@ def run_info(setup: Setup) -> dict[str, str]:
         limit = plant_limit.held_lateral_limit(setup.plant, setup.friction)
     stop = parameters.flatten(inputs.stop_params(scn))
     car = parameters.flatten(setup.plant.car)
+    faults = {k: v for k, v in vars(setup.faults).items() if v is not None} if setup.faults else {}
     values = {
         'controller': parameters.flatten(setup.vehicle) | parameters.flatten(setup.params),
         'plant': {f'car.{name}': value for name, value in car.items()}
         | {f'stop.{name}': value for name, value in stop.items()}
+        | {f'faults.{name}': value for name, value in faults.items()}
         | {'friction': setup.friction},
     }
     return {

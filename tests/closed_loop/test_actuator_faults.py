@@ -11,7 +11,6 @@ from experiments.replay import check
 from mpcc_controller.driving.actuator_monitor import FAULT
 from mpcc_controller.driving.controller import Controller
 from msgs_yaml.conversions import NS_PER_S
-from vehicle_plant import plant_node
 from vehicle_plant.simulator import START_NS, Simulator
 
 TICK_S = 0.05
@@ -46,41 +45,22 @@ def test_nothing_is_reported_of_actuators_that_only_lag(drive, scenario, control
     assert max(abs(report['actuators.steer_error_rad']) for report in reports) < 0.005
 
 
-def faulty(change, from_s, to_s=np.inf):
-    """Return a plant whose actuators get commands that `change` has changed for a while.
-
-    Its second argument is where they were when that began.
-    """
-
-    class Faulty(Simulator):
-        held = None
-
-        def command(self, command):
-            if from_s <= (self.stamp_ns - START_NS) / NS_PER_S < to_s:
-                self.held = self.held or self.actuators
-                command = change(command, self.held)
-            return super().command(command)
-
-    return Faulty
+WEAK_BRAKES = {'front_force_share': 0.7, 'rear_force_share': 0.7}
 
 
-def sticking(command, held):
-    return command._replace(delta=held.delta, d_delta=0.0)
+class DriverBrakes(Simulator):
+    """A plant whose driver brakes for a second, whatever was asked for."""
+
+    def command(self, command):
+        if 2.0 <= (self.stamp_ns - START_NS) / NS_PER_S < 3.0:
+            command = command._replace(Fxf=min(command.Fxf, -4e3), Fxr=min(command.Fxr, -2e3))
+        return super().command(command)
 
 
-def weak_brakes(command, _):
-    share = 0.7 if command.Fxf + command.Fxr < 0 else 1.0
-    return command._replace(Fxf=share * command.Fxf, Fxr=share * command.Fxr)
-
-
-def driver_brakes(command, _):
-    return command._replace(Fxf=min(command.Fxf, -4000.0), Fxr=min(command.Fxr, -2000.0))
-
-
-def drive_faulty(monkeypatch, scenario, controller, *fault, end_s=np.inf):
-    """Return the Driven of a car with a fault of its actuators."""
-    monkeypatch.setattr(simulation, 'Simulator', faulty(*fault))
-    setup = simulation.prepare(scenario, controller)
+def drive_faulty(scenario, controller, end_s=np.inf, **faults):
+    """Return the Driven of a car with faults of its actuators."""
+    values = {f'faults.{name}': value for name, value in faults.items()}
+    setup = simulation.prepare(scenario, controller, {'plant': values})
     stop = setup.scn.stop._replace(time=min(setup.scn.stop.time, end_s))
     return driven(setup._replace(scn=setup.scn._replace(stop=stop)), explain=True)
 
@@ -93,11 +73,9 @@ def faults(driven):
 @pytest.mark.parametrize(
     ('scenario', 'controller', 'begins_s'), [(DOUBLE, 'mpcc', 2.5), ('pop_up', 'mpcc_road', 3.0)]
 )
-def test_a_sticking_steering_is_reported_and_planned_with(
-    monkeypatch, scenario, controller, begins_s
-):
+def test_a_sticking_steering_is_reported_and_planned_with(scenario, controller, begins_s):
     end_s = begins_s + 1.5
-    stuck = drive_faulty(monkeypatch, scenario, controller, sticking, begins_s, end_s=end_s)
+    stuck = drive_faulty(scenario, controller, end_s, steer_stuck=True, from_s=begins_s)
     assert begins_s < TICK_S * faults(stuck).index('steer') <= begins_s + 0.5
     actuators = stuck.columns['/vehicle/actuators']
     steer_of = dict(zip(actuators.stamp_ns.tolist(), actuators.steer_rad.tolist()))
@@ -111,32 +89,35 @@ def test_a_sticking_steering_is_reported_and_planned_with(
         assert why.values['set_point.delta'] == steer_of[why.stamp_ns]
 
 
-def test_the_report_ends_when_the_steering_comes_free(monkeypatch):
-    freed = drive_faulty(monkeypatch, 'pop_up', 'mpcc_road', sticking, 2.0, 2.6)
+def test_the_report_ends_when_the_steering_comes_free():
+    freed = drive_faulty('pop_up', 'mpcc_road', steer_stuck=True, from_s=3.0, until_s=3.6)
     assert 'steer' in faults(freed)
-    assert not any(faults(freed)[int(4.0 / TICK_S) :])
+    assert not any(faults(freed)[int(5.0 / TICK_S) :])
     assert freed.metrics['survived']
 
 
 @pytest.mark.parametrize(
-    ('scenario', 'fault'),
-    [('closed_road', (weak_brakes, 0.0)), (DOUBLE, (driver_brakes, 2.0, 3.0))],
+    ('scenario', 'fault', 'plant'),
+    [('closed_road', WEAK_BRAKES, Simulator), (DOUBLE, {}, DriverBrakes)],
 )
-def test_it_survives_what_it_does_not_survive_without_comparing(monkeypatch, scenario, fault):
-    comparing = drive_faulty(monkeypatch, scenario, 'mpcc', *fault)
+def test_it_survives_what_it_does_not_survive_without_comparing(
+    monkeypatch, scenario, fault, plant
+):
+    monkeypatch.setattr(simulation, 'Simulator', plant)
+    comparing = drive_faulty(scenario, 'mpcc', **fault)
     assert 'force' in faults(comparing)
     assert comparing.metrics['survived']
     step = Controller.step
     monkeypatch.setattr(Controller, 'step', lambda self, x: step(self, x._replace(actuators=None)))
-    blind = drive_faulty(monkeypatch, scenario, 'mpcc', *fault)
+    blind = drive_faulty(scenario, 'mpcc', **fault)
     assert not any(faults(blind))
     assert not blind.metrics['survived']
 
 
 @pytest.mark.usefixtures('dds')
-def test_a_drive_with_a_fault_is_answered_by_a_replay_as_it_was(monkeypatch, tmp_path):
-    monkeypatch.setattr(plant_node, 'Simulator', faulty(sticking, 2.5))
-    ring = NodeRing(tmp_path, 'lockstep', DOUBLE, plant={'stop.time_s': 4.0})
+def test_a_drive_with_a_fault_is_answered_by_a_replay_as_it_was(tmp_path):
+    plant = {'stop.time_s': 4.0, 'faults.steer_stuck': True, 'faults.from_s': 2.5}
+    ring = NodeRing(tmp_path, 'lockstep', DOUBLE, plant=plant)
     note_run(ring.configured, tmp_path, DOUBLE)
     with ring:
         report = check.check(ring.finish(), {})

@@ -11,6 +11,7 @@ from experiments import simulation
 from experiments.families import scenario_document
 from experiments.families.scenario_document import LANE
 from mpcc_controller.path import reference_path
+from msgs_yaml.conversions import NS_PER_S
 from scenario_publisher import scenario
 
 ROAD = {
@@ -79,14 +80,14 @@ def test_it_stops_behind_a_queue_and_drives_on_with_it():
     assert (last[: len(x)] - 1.05 - x).min() > 1.1  # the circle of the car
 
 
-@pytest.mark.parametrize('repeated', [True, False], ids=['last pose repeated', 'slow at the end'])
-def test_it_drives_to_the_stop_at_the_end_of_the_path_and_is_held_there(repeated):
-    """10 m/s, from 35 m on down by 2 m/s^2 to 0 at 60 m."""
+@pytest.fixture(params=[True, False], ids=['last pose repeated', 'slow at the end'])
+def stop_here(request):
+    """A setup with a path of 10 m/s, from 35 m on down by 2 m/s^2 to 0 at 60 m."""
     setup = simulation.prepare('straight', 'mpcc_road')
     X = np.arange(0.0, 60.1, 0.5)
     v = np.minimum(np.sqrt(4.0 * (60.0 - X)), 10.0)
     t = np.concatenate(([0.0], np.cumsum(0.5 / ((v[1:] + v[:-1]) / 2))))
-    if repeated:
+    if request.param:
         X, t = np.append(X, X[-1]), np.append(t, t[-1] + 1.0)
     document = yaml.safe_load(setup.scn.text) | {
         'road': ROAD,
@@ -97,7 +98,11 @@ def test_it_drives_to_the_stop_at_the_end_of_the_path_and_is_held_there(repeated
     }
     scn = scenario.parse(yaml.safe_dump(document), 'stop')
     path = scn.reference._replace(X=X, Y=0 * X, psi=0 * X, t=t)
-    stopped = driven(setup._replace(scn=scn._replace(reference=path)))
+    return setup._replace(scn=scn._replace(reference=path))
+
+
+def test_it_drives_to_the_stop_at_the_end_of_the_path_and_is_held_there(stop_here):
+    stopped = driven(stop_here)
     odometry = stopped.columns['/vehicle/odometry']
     command = stopped.columns['/controller/command']
     assert odometry.x_m[-1] == pytest.approx(60.0, abs=1.0)
@@ -107,6 +112,20 @@ def test_it_drives_to_the_stop_at_the_end_of_the_path_and_is_held_there(repeated
     reports = stopped.reports
     assert {report['rung'] for report in reports if abs(report['vx']) > 0.5} <= PLANNED
     assert {report['reason'] for report in reports[-20:]} == {'path_ended'}
+
+
+def test_it_leaves_a_stop_on_a_path_that_leads_on(stop_here):
+    X = np.arange(60.0, 200.0)
+    path = stop_here.scn.reference._replace(X=X, Y=0 * X, psi=0 * X, t=(X - X[0]) / 10.0)
+    stop = stop_here.scn.stop._replace(X=100.0, time=30.0)
+    left_ns = None
+    for step in simulation.steps(stop_here._replace(scn=stop_here.scn._replace(stop=stop))):
+        stands = abs(step.car.state.vx) < 0.02 and step.record.decision.reason == 'path_ended'
+        if stands and left_ns is None:
+            left_ns = step.car.stamp_ns
+            step.controller.set_reference(path)
+    assert step.car.state.X > 100.0
+    assert 0.0 < step.car.stamp_ns - left_ns < 11.0 * NS_PER_S
 
 
 ACROSS = 3.0  # m/s^2, lateral acceleration of both cars

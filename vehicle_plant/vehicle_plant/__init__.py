@@ -14,6 +14,7 @@ Model:
     multi_body          those of the multi-body model of CommonRoad, in their place
     state               state, inputs and outputs as named vectors; trajectories
     road_friction       patches of another friction
+    actuator_faults     what the servos are given instead of the set-points
     sensors             what the car measures of its motion
     tyre_coefficients, tyre_property_file   Magic Formula tyres, from YAML or .tir
     integrator          Runge-Kutta steps in compiled C

@@ -11,6 +11,7 @@ from node_runtime.node_parameters import NO_SOURCES
 from node_runtime.parameter_docs import GroupDoc, ParameterDoc
 from node_runtime.parameters import Choice, ParameterError, Range, Struct
 from vehicle_plant import tyre_property_file
+from vehicle_plant.actuator_faults import FaultParams
 from vehicle_plant.car import Car, MultiBodyParams, PlantParams, add_delay
 from vehicle_plant.sensors import SensorParams
 from vehicle_plant.tyre_coefficients import TyreCoefficients
@@ -87,6 +88,7 @@ class NodeParams(Struct):
     tyre_set: str
     # left out: 0. Beside the delay of each servo
     command_delay_ms: Annotated[int, Range(0, 200, 'ms, from a command to the servos')] | None
+    faults: FaultParams
     # left out: true. Whether to send /tf and /tf_static, where tf2_msgs is installed
     publish_tf: bool | None
     imu_wheels_period_ms: Annotated[int, Range(1, 50, 'ms')]

@@ -131,7 +131,8 @@ class PlantNode(ManagedNode):
             start = initial_state.start_from_reference(self.reference)
         else:
             start = initial_state.start_from_parameters(self.params.start)
-        car = Simulator(self.plant, self.params.friction, start, stamp_ns, self.patches)
+        faults = self.params.faults
+        car = Simulator(self.plant, self.params.friction, start, stamp_ns, self.patches, faults)
         if self.sensor_params:
             seed = self.params.sensors_seed or 0
             self.sensors = Sensors(self.sensor_params, self.plant.car, seed, car.now)

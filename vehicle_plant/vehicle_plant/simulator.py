@@ -6,6 +6,7 @@ import numpy as np
 
 from msgs_yaml.types import WHEELS, Actuators, Command, VehicleState
 from vehicle_plant import integrator
+from vehicle_plant.actuator_faults import ActuatorFaults, FaultParams
 from vehicle_plant.actuators import DelayLine, SetPointRamp, delay_steps
 from vehicle_plant.car import MultiBodyParams
 from vehicle_plant.gate import NS_PER_S, Gate, Verdict
@@ -43,12 +44,13 @@ class Simulator:
         start: Start,
         stamp_ns: int = START_NS,
         patches: np.ndarray | None = None,
+        faults: FaultParams | None = None,
     ):
         """Initialise the car: wheels rolling freely, springs at rest, servos at zero.
 
         friction: road friction relative to the tyre's test surface; patches: areas of another
-        friction, (k, 13) of `road_friction.patch_array`. Raises ValueError when friction is not
-        positive or the start not finite.
+        friction, (k, 13) of `road_friction.patch_array`; faults: of the actuators. Raises
+        ValueError when friction is not positive or the start not finite.
         """
         if not 0.0 < friction < np.inf:
             raise ValueError(f'friction is {friction}, allowed are positive numbers')
@@ -61,6 +63,9 @@ class Simulator:
         set_points = SetPoints(0.0, 0.0, 0.0)
         self._ramp = SetPointRamp(set_points)
         self._delays = DelayLine(delay_steps(params.car), set_points)
+        self._faults = None
+        if faults and any(value is not None for value in vars(faults).values()):
+            self._faults = ActuatorFaults(faults, set_points, stamp_ns)
         self.gate = Gate(params, friction, set_points, stamp_ns)
         self._stamp_ns = stamp_ns
         self._x = self._model.start(params, start)
@@ -92,6 +97,7 @@ class Simulator:
         other = copy.copy(self)
         # the state and the row are replaced by `advance`, never changed
         other._ramp, other._delays = copy.copy(self._ramp), copy.deepcopy(self._delays)
+        other._faults = copy.deepcopy(self._faults)
         other.gate = copy.copy(self.gate)
         other.gate.rejections = self.gate.rejections.copy()
         return other
@@ -127,15 +133,17 @@ class Simulator:
         if command is not None:
             self.command(command)
         set_points = self._delays.shift(self._ramp.advance(steps))
+        stamps = self._stamp_ns + STEP_NS * np.arange(steps + 1, dtype=np.int64)
+        if self._faults:
+            set_points = self._faults.apply(set_points, stamps)
         x, rows = integrator.advance(
             self._x, set_points, self._p, patches=self._patches, model=self._model
         )
-        stamps = self._stamp_ns + STEP_NS * np.arange(1, steps + 1, dtype=np.int64)
         if steps:
             self._row = rows[-1].copy()
             self._x = x
             self._stamp_ns = int(stamps[-1])
-        return Trajectory(stamps, rows)
+        return Trajectory(stamps[1:], rows)
 
     def _local_parameters(self) -> np.ndarray:
         """Return the parameter vector with the friction that is under each wheel now."""

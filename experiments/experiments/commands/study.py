@@ -3,6 +3,7 @@
 run        search, judge and keep every row, replicate by replicate, until the rule stops it; the
            same command goes on where it was interrupted
 decide     estimands, intervals and verdicts, from the rows; and a figure for each
+explain    what parts of both controllers do to the plan, in a task that one alone avoids
 recompute  every published share of the first study
 """
 
@@ -17,7 +18,7 @@ from experiments.commands import add_dask, add_jobs, positive_count
 
 HELP = 'the study of tuned controllers: drive it, decide it; the shares of the first study'
 EXAMPLE = 'experiments study decide paper/study'
-KEPT = {'run': Path('paper', 'study'), 'decide': Path('paper', 'study')}
+KEPT = dict.fromkeys(('run', 'decide', 'explain'), Path('paper', 'study'))
 KEPT['recompute'] = Path('paper', 'settings')
 
 
@@ -49,10 +50,11 @@ def run(options: argparse.Namespace) -> int:
         for table in (settings_study.shares(study), settings_study.braking(study)):
             text = table.to_string(index=False, float_format='{:.3f}'.format)
             console.print(text, markup=False, highlight=False, soft_wrap=True)
-    elif options.part == 'decide':
+    elif options.part in ('decide', 'explain'):
         from experiments.decisive import report
 
-        report.write(read_plan(folder), folder, out, console)
+        do = report.write if options.part == 'decide' else report.explain
+        do(read_plan(folder), folder, out, console)
     else:
         from experiments import code_version
         from experiments.decisive import run as study

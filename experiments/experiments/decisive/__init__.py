@@ -8,6 +8,7 @@ run        replicates: search, judge; the draws of the picture
 verdicts   intervals, and the rules that were fixed beforehand
 analysis   estimands, from the tables
 picture    which unprinted parameters make the paper's picture
+exchange   why both controllers differ in a task
 figures    a figure for each estimand
 report     all of it, as `experiments study decide` writes it
 """

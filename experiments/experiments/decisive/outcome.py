@@ -18,6 +18,8 @@ from bags.evaluation.series import SIDESLIP_FROM
 from experiments import simulation
 from experiments.families.lane_change_task import CIRCLE_M
 from experiments.simulation import Setup
+from msgs_yaml.types import VehicleState
+from scenario_publisher.scenario import Scenario
 
 FAILED: Mapping[str, Any] = {'avoided': False}  # of a drive without a result
 
@@ -27,7 +29,7 @@ def measure(setup: Setup) -> dict[str, Any]:
 
     A drive ends where it has failed: what the car does afterwards is in no table.
     """
-    columns = simulation.run(setup, explain=False, give_up=partial(_has_failed, setup.scn))
+    columns = simulation.run(setup, explain=False, give_up=partial(has_failed, setup.scn))
     driven = drive_from_columns(columns, simulation.run_info(setup), setup.controller)
     facts = driven.facts._replace(circles=(0.0,), vehicle_radius=CIRCLE_M)
     driven = drop_nonfinite(driven._replace(facts=facts))
@@ -49,7 +51,7 @@ def measure(setup: Setup) -> dict[str, Any]:
     }
 
 
-def _has_failed(scn, state):
+def has_failed(scn: Scenario, state: VehicleState) -> bool:
     """Return whether the circle touches an obstacle or an edge, or the car slides as one `lost`."""
     sideslip = math.degrees(math.atan2(state.vy, state.vx))
     return (

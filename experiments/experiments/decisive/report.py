@@ -4,13 +4,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from rich.console import Console
 
 from bags.command_line import print_paths, print_text
 from bags.errors import BagError
-from experiments.decisive import analysis, figures, picture, verdicts
+from bags.figures import style
+from experiments.decisive import analysis, exchange, figures, picture, verdicts
 from experiments.decisive.analysis import Results
 from experiments.decisive.arms import FACTORIAL
 from experiments.families.lane_change_task import DEMAND
@@ -77,6 +79,25 @@ def write(plan: Mapping[str, Any], folder: Path, out: Path, console: Console) ->
     rules = verdicts.read_rules(plan)
     paths = figures.write_all(results, tables['trials'], marginals, rules, DEMAND, out / 'figures')
     print_paths(console, {'figures': paths[0].parent})
+
+
+def explain(plan: Mapping[str, Any], folder: Path, out: Path, console: Console) -> None:
+    """Exchange parts of both controllers in a task that one avoids; write the figure into `out`.
+
+    In the replicate whose MPCC is nearest to the median. Raises BagError for a folder without the
+    tables, and where both avoid the same tasks.
+    """
+    tables = {name: _read(folder / f'{name}.parquet') for name in ('tuned', 'drives')}
+    told = exchange.explain(plan, tables, int(typical(plan, tables['tuned'], 'mpcc').name))
+    lines = [f'replicate {told.replicate}, task {told.task}: {told.avoids} alone avoids']
+    lines.append(f'shift of the planned lateral position {exchange.AHEAD_S:g} s ahead, rms [m]')
+    lines += [f'  {name:24}{size:.3f}' for name, size in told.sizes().items()]
+    print_text(console, '\n'.join(lines))
+    folder = out / 'figures'
+    folder.mkdir(parents=True, exist_ok=True)
+    with mpl.rc_context(style.RC):
+        paths = style.save_figure(figures.draw_exchange(told), folder / 'exchange')
+    print_paths(console, {'figure': paths[0]})
 
 
 def _read(path):

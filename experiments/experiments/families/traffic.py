@@ -209,11 +209,11 @@ def roundabout_entry(random: Random, hard: bool) -> Document | None:
         straight(25.0),
     ]
     length = merge + turn * ring + 2.0 * mouth + bend + 25.0
-    # their way begins on the ring, to the left of the merge
-    theirs, before, aside = speed * random.uniform(0.8, 1.1), 8.0, 16.0
+    # their way begins to the left, as long before the merge as their speed needs
+    theirs, before, aside = speed * random.uniform(0.6, 0.8), 26.0, 16.0
     points = [
         waypoint(merge - before, aside, theirs),
-        waypoint(merge + 6.0, 0.0, theirs),
+        waypoint(merge + 10.0, 0.0, theirs),
         waypoint(length - 5.0, 0.0, theirs),
     ]
     first_s = merge / speed + random.uniform(-1.0, 1.0) - (before**2 + aside**2) ** 0.5 / theirs

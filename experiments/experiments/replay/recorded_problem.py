@@ -107,7 +107,11 @@ class Problem:
                 'model.horizon and model.step_s cannot be changed in one tick: its first guess is '
                 'the plan of the tick before'
             )
-        parts = Parts(params, vehicle, False, self.parts.clock)
+        return self.with_parts(Parts(params, vehicle, False, self.parts.clock))
+
+    def with_parts(self, parts: Parts) -> 'Problem':
+        """Return the problem of the parts of another controller of the same horizon."""
+        params = parts.params
         guess = self.tick_problem.guess_map
         if params.formulation.name != self.prediction.params.formulation.name:
             guess = guess._replace(multipliers=None)  # of other constraints
@@ -116,7 +120,7 @@ class Problem:
         believed = share * self.prediction.params.model.friction
         car = parts.model.car_on(min(believed, params.model.friction))
         problem = parts.model.build_problem(before.x0, before.scene, guess, car, before.sliding)
-        return Problem(parts, vehicle, problem, self.stamp_ns)
+        return Problem(parts, parts.model.vehicle, problem, self.stamp_ns)
 
     def with_tolerance(self, tolerance: float) -> 'Problem':
         """Return the same problem with another tolerance of the solver."""

@@ -21,8 +21,6 @@ from msgs_yaml import conversions
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import Command, Obstacle, Obstacles
 from scenario_publisher import actors, scenario
-from vehicle_plant import road_friction
-from vehicle_plant.initial_state import Start
 from vehicle_plant.run_end import RunEnd
 from vehicle_plant.simulator import TICK_NS, TICK_STEPS, Simulator
 from vehicle_plant.state import Trajectory, join_trajectories
@@ -60,8 +58,7 @@ class Emergency:
         scn = setup.scn
         self.course = RoadCoordinates(scn.reference, scn.edges)
         self._stop = inputs.stop_params(scn)
-        patches = road_friction.patch_array(*scn.patches)
-        self.car = Simulator(setup.plant, setup.friction, Start(*scn.start), patches=patches)
+        self.car = simulation.make_car(setup)
         self._end = RunEnd(self._stop, self.car.now)
         self._tracks, self._commands = [self.car.now], []
         if not preview:

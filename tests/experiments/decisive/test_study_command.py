@@ -61,3 +61,34 @@ def test_a_study_is_driven_goes_on_and_is_decided(plan, tmp_path, capsys):
     (plans / 'study.yaml').write_text(yaml.safe_dump(plan | {'judged_tasks': 3}))
     assert cli.main(run) == 1
     assert 'origin.json: plan: differs from that of the rows' in capsys.readouterr().err
+
+
+def test_an_exchange_of_equal_weights_leaves_the_plan_and_a_heading_cost_shifts_it(
+    plan, tmp_path, capsys
+):
+    plan = {**plan, 'factors': {'heading': plan['factors']['heading']}}
+    (tmp_path / 'study.yaml').write_text(yaml.safe_dump(plan))
+    ranges = plan['search']['ranges']
+    middle = {name: (low * high) ** 0.5 for name, (low, high) in ranges.items()}
+    arms = ('mpcc', 'frenet')
+    tuned = pd.DataFrame({'replicate': 1, 'arm': arm, **middle} for arm in arms)
+    tuned.to_parquet(tmp_path / 'tuned.parquet')
+    drives = pd.DataFrame(
+        {
+            'replicate': 1,
+            'judged': True,
+            'start': 0,
+            'arm': arms * 2,
+            'task': [0, 0, 1, 1],
+            'avoided': [True, True, False, True],
+        }
+    )
+    drives.to_parquet(tmp_path / 'drives.parquet')
+    assert cli.main(['study', 'explain', str(tmp_path)]) == 0
+    shown = capsys.readouterr().out
+    assert 'replicate 1, task 1: frenet alone avoids' in shown
+    lines = (line.rpartition(' ') for line in shown.splitlines())
+    shift = {name.strip(): float(size) for name, _, size in lines if name.startswith('  ')}
+    assert shift['weights'] < 1e-6
+    assert shift['heading'] > 1e-3
+    assert (tmp_path / 'figures' / 'exchange.png').stat().st_size > 10_000

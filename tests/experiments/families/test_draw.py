@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiments.families import feasibility, lane_course, scenario_document
-from experiments.families.draw import DIFFICULTIES, HARD, LIBRARY, NOMINAL, draw
+from experiments.families.draw import DIFFICULTIES, HARD, LIBRARY, NOMINAL, TRAFFIC, draw
 from scenario_publisher import scenario
+from scenario_publisher.waypoint_track import motion_at
 
 POP_UP_SPEED = 14.0133  # m/s, of draw 0 under seed 1000
 numbers = st.integers(0, 10**6)
@@ -32,6 +33,22 @@ def test_every_draw_is_a_scenario(family):
         finish = np.argmin(np.hypot(ref.X - scn.stop.X, ref.Y - scn.stop.Y))
         assert ref.t[-1] - ref.t[finish] >= 2.5
         assert scn.stop.time > 2.0 * ref.t[finish]
+
+    example()
+
+
+@pytest.mark.parametrize('family', TRAFFIC)
+def test_others_on_roads_that_bend_corner_within_the_friction(family):
+    @settings(max_examples=4)
+    @given(seed=numbers, difficulty=st.sampled_from(DIFFICULTIES))
+    def example(seed, difficulty):
+        scn = draw(family, seed, 0, difficulty).scenario()
+        t = np.arange(0.0, 10.0, 0.05)
+        for track in (actor.track for actor in scn.actors if actor.track is not None):
+            vX, vY = motion_at(track, t)[2:]
+            turn = np.diff(np.unwrap(np.arctan2(vY, vX)))
+            lateral = np.hypot(vX, vY)[1:] * np.abs(turn) / 0.05
+            assert lateral.max(initial=0.0) < feasibility.GRAVITY
 
     example()
 
