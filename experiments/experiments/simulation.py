@@ -12,7 +12,7 @@ from bags.errors import BagError
 from bags.evaluation.drive import LATERAL_LIMIT, Drive, drive_from_columns
 from bags.storage import columns
 from bags.storage.columns import Columns
-from experiments import estimation, plant_limit
+from experiments import plant_limit
 from experiments.configuration import inputs, node_config
 from experiments.estimation import Estimator
 from mpcc_controller.driving.controller import Controller
@@ -109,7 +109,7 @@ def prepare_scenario(
         role: {name: written(f'{role}.{name}') for name in values}
         for role, values in settings.items()
     }
-    nodes = node_config.build_nodes(
+    nodes = inputs.build_nodes(
         scn, source or scn.name, chosen, 'lockstep', unused, unused, settings, origins
     )
     checked = inputs.check_parameters(nodes)
@@ -117,10 +117,6 @@ def prepare_scenario(
         inputs.check_car_fits(nodes, checked, *IN_PYTHON)
     params, vehicle = checked['controller']
     node, plant = checked['plant']
-    sensors, given = load_sensors(node), settings.get(estimation.ROLE, {})
-    if given and not sensors:
-        raise BagError(f'estimator.{next(iter(given))} has no effect without plant.sensors')
-    believed = params.model.friction
     return Setup(
         chosen.name,
         scn,
@@ -128,9 +124,9 @@ def prepare_scenario(
         vehicle,
         plant,
         node.friction,
-        sensors=sensors,
+        sensors=load_sensors(node),
         sensors_seed=node.sensors_seed or 0,
-        estimator=sensors and estimation.estimator_params(sensors, believed, given),
+        estimator=checked.get(inputs.ESTIMATOR, (None,))[0],
     )
 
 
@@ -162,7 +158,7 @@ def run(
     controller = make_controller(setup, car)
     sensors = setup.sensors and Sensors(setup.sensors, setup.plant.car, setup.sensors_seed, car.now)
     readings = sensors.measure(car.now) if sensors else []
-    estimator = make_estimator(setup)
+    estimator = setup.estimator and Estimator(setup.estimator)
     if estimator:
         estimator.read(readings)
     tracks, obstacles, predictions, commands, plans, reports = [car.now], [], [], [], [], []
@@ -203,16 +199,9 @@ def run(
         values['/controller/prediction'] = received
     measured = {topic: [r.value for r in readings if r.topic == topic] for topic in TOPICS}
     if estimator:
-        measured['/estimator/odometry'] = [e.state for e in estimator.estimates]
+        believed = [e.as_message() for e in estimator.estimates]
+        measured['/estimator/odometry'] = [*map(conversions.odometry_as_received, believed)]
     return build_columns(join_trajectories(tracks), commands, values, measured if sensors else {})
-
-
-def make_estimator(setup: Setup) -> Estimator | None:
-    """Return the estimator between sensors and controller, None for a car without sensors."""
-    if setup.estimator is None:
-        return None
-    car = estimation.vehicle(setup.vehicle, setup.plant.car)
-    return Estimator(setup.estimator, car, setup.scn.start.psi)
 
 
 def make_controller(setup: Setup, car: Simulator) -> Controller:

@@ -28,7 +28,7 @@ class Vehicle(Struct):
 
 
 class EstimatorParams(Struct):
-    """Standard deviations of errors, and times over which they last: config/estimator.yaml."""
+    """The car; standard deviations of errors, and how long they last: config/estimator.yaml."""
 
     method: Annotated[str, Choice('filter', 'kinematic', 'raw')]  # `raw`: no filter
     imu_s: Annotated[float, Range(0.0005, 0.05, 's')]  # between two messages, as below
@@ -65,3 +65,5 @@ class EstimatorParams(Struct):
     friction_time_s: Annotated[float, Range(0.1, 1000.0, 's')]  # how long it stays another
     misfit: Annotated[float, Range(1.0, 1000.0, '-')]  # of a fix, chi-square of 4
     misfits: Annotated[int, Range(1, 1000, 'in a row')]  # then the filter begins anew
+    yaw_rad: Annotated[float, Range(-7.0, 7.0, 'rad')] | None  # where the car starts at rest
+    car: Vehicle
