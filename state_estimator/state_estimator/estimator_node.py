@@ -54,7 +54,7 @@ class EstimatorNode(ManagedNode):
         self.publishers_of = PublisherMonitor(self, subscriptions)
         self.refusals = {topic: RejectionLog(topic) for topic in DECODERS}
         self.status_log, self.held, self.cause = ChangeFilter(), HeldLevel(), ''
-        self.resets = self.heard_ns = self.reported_ns = 0
+        self.reported_ns = 0
         ros.steady_timer(self, TIMER_S, self.on_timer)
 
     def activate(self):
@@ -64,7 +64,7 @@ class EstimatorNode(ManagedNode):
     def begin(self):
         """Forget the drive."""
         self.stream.begin()
-        self.pending, self.resets = None, 0
+        self.pending, self.resets, self.heard_ns = None, 0, self.wall.now_ns()
 
     def on_run_start(self, msg):
         """Begin anew when the run begins: before, the car is held at its start at speed."""

@@ -46,11 +46,17 @@ MULTI_BODY = {
     ],
 )
 def test_through_the_nodes_and_in_a_simulation_the_bits_are_the_same(name, settings, tmp_path):
-    with NodeRing(tmp_path, 'lockstep', name, **settings) as ring:
+    ring = NodeRing(tmp_path, 'lockstep', name, **settings)
+    note_run(ring.configured, tmp_path, name)
+    with ring:
         bag = ring.finish()
     computed = simulation.run(simulation.prepare(name, 'mpcc', settings))
     columns = read.columns(bag)
     assert_equal_tables(computed, columns)
+    if settings is CONSUMER:
+        report = check.check(bag, {})
+        assert report.repeatable == len(report.ticks) == len(columns[WHY].values)
+        assert not report.failures
 
 
 def test_predictions_and_sight_are_the_same_through_the_nodes_and_in_a_replay(tmp_path):
