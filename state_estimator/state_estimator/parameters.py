@@ -30,14 +30,13 @@ class Vehicle(Struct):
 class EstimatorParams(Struct):
     """The car; standard deviations of errors, and how long they last: config/estimator.yaml."""
 
-    method: Annotated[str, Choice('filter', 'kinematic', 'raw')]  # `raw`: no filter
-    imu_s: Annotated[float, Range(0.0005, 0.05, 's')]  # between two messages, as below
+    method: Annotated[str, Choice('filter', 'kinematic', 'raw')]  # filter, observer, or none
+    imu_s: Annotated[float, Range(0.0005, 0.05, 's')]
     chassis_s: Annotated[float, Range(0.0005, 0.1, 's')]
     fix_s: Annotated[float, Range(0.01, 2.0, 's')]
     acceleration_bias_mps2: Annotated[float, Range(0.0, 5.0, 'm/s^2')]
     acceleration_noise: Annotated[float, Range(0.0, 1.0, 'm/s^2 per root Hz')]
     acceleration_walk: Annotated[float, Range(0.0, 1.0, 'm/s^2 per root second')]
-    # gravity by roll, at ay of 1 m/s^2, and by pitch
     roll_noise: Annotated[float, Range(0.0, 1.0, 'm/s^2 per root Hz')]
     pitch_noise: Annotated[float, Range(0.0, 1.0, 'm/s^2 per root Hz')]
     rate_bias_radps: Annotated[float, Range(0.0, 0.5, 'rad/s')]

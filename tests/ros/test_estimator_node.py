@@ -1,4 +1,4 @@
-"""The estimator between the sensors and the controller of a drive on the wall clock, in one process."""
+"""The estimator between sensors and controller of a drive on the wall clock, in one process."""
 
 import numpy as np
 import pytest

@@ -92,8 +92,9 @@ def check(bag: read.Bag, settings: Mapping[str, Any]) -> Report:
     """Replay a recording through today's controller with the parameters of the run, and compare.
 
     `settings` change parameters by dotted name. Every tick starts from the recorded state and
-    set-points; its warm start is the plan of the tick before in this replay. An estimator is replayed
-    from the messages of the sensors, in lockstep. Raises BagError for a bag that cannot be replayed.
+    set-points; its warm start is the plan of the tick before in this replay. An estimator is
+    replayed from the messages of the sensors, in lockstep. Raises BagError for a bag that cannot be
+    replayed.
     """
     name = str(bag.path)
     controller = replayed_controller.from_run_info(bag.run_info, settings, name)
@@ -102,10 +103,10 @@ def check(bag: read.Bag, settings: Mapping[str, Any]) -> Report:
         raise BagError(f'{name}: no tick can be repeated: {compared[0].gap}')
     estimates = replayed_estimator.estimates(bag)
     compared = tuple(
-        one._replace(pairs=(*one.pairs, *pair_estimates(*estimates[one.tick.stamp_ns])))
-        if one.tick.stamp_ns in estimates
-        else one
-        for one in compared
+        answer._replace(pairs=(*answer.pairs, *pair_estimates(*estimates[answer.tick.stamp_ns])))
+        if answer.tick.stamp_ns in estimates
+        else answer
+        for answer in compared
     )
     return Report(name, bag.run_info, compared)
 
@@ -175,8 +176,8 @@ def _tolerance(value):
 def largest_differences(report: Report) -> dict[str, tuple[float, int]]:
     """Return per group of fields the largest difference of repeatable ticks, and its tick.
 
-    The groups: command, cost, prediction, and the rest, estimates among it. The last three differences
-    are relative to max(1, |recorded|); words count when they differ.
+    The groups: command, cost, prediction, and the rest, also of estimates. The last three
+    differences are relative to max(1, |recorded|); words count when they differ.
     """
     largest = dict.fromkeys(('command', 'cost', 'prediction', 'other'), (0.0, 0))
     for compared in report.ticks:

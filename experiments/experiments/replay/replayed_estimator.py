@@ -1,4 +1,4 @@
-"""Today's estimator with the parameters of a recorded run, on the recorded messages of its sensors."""
+"""Today's estimator with the parameters of a recorded run, on the messages of its sensors."""
 
 import json
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ from vehicle_plant.sensors import TOPICS
 def estimates(bag: read.Bag) -> dict[int, tuple[EstimatedState, EstimatedState]]:
     """Return (recorded, replayed) estimates by stamp [ns], {} of a run without an estimator.
 
-    Also of a run on the wall clock, of which messages may be lost. Raises BagError for parameters
+    Nor of a run on the wall clock, of which messages may be lost. Raises BagError for parameters
     that today's estimator refuses.
     """
     noted = json.loads(bag.run_info.get('parameters', '{}')).get(ESTIMATOR)
