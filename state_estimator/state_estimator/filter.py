@@ -31,7 +31,7 @@ from state_estimator.vehicle_model import G, RestDetector
 
 N = 9
 X, Y, PSI, VX, VY, B_AX, B_AY, B_R, MU = range(N)
-REPORTED = [X, Y, PSI, VX, VY, B_R]
+REPORTED = np.ix_(*[[X, Y, PSI, VX, VY, B_R]] * 2)
 SLOW_MPS, CRAWL_MPS = 4.0, 1.0  # below them: no slip; no course
 FIX_LATE_S, LATE_NS = 1.0, 100_000_000  # a receiver is silent; an angle is too old
 # what a car that drives may have done since the fix from which the filter begins anew
@@ -286,8 +286,8 @@ class Filter:
         Ph = self._P @ h
         K = Ph / (h @ Ph + R)
         self._x = self._x + K * innovation
-        self._P = self._P - np.outer(K, Ph)
-        self._A = self._A - np.outer(K, h @ self._A)
+        self._P = self._P - K[:, None] * Ph
+        self._A = self._A - K[:, None] * (h @ self._A)
         self._finish()
 
     def _finish(self):
@@ -296,7 +296,7 @@ class Filter:
 
     def _estimate(self, imu):
         x = self._x
-        if not (np.isfinite(x).all() and np.diag(self._P).min() >= 0.0):
+        if not (np.isfinite(x).all() and self._P.diagonal().min() >= 0.0):
             self._begin_anew('the state was no number, or a variance below 0')
             self._imu = imu
             self._start(imu)
@@ -305,7 +305,7 @@ class Filter:
             imu.stamp_ns, float(x[X]), float(x[Y]), wrap_angle(float(x[PSI])), float(x[VX]),
             float(x[VY]), imu.r - float(x[B_R]),
         )  # fmt: skip
-        P = self._P[np.ix_(REPORTED, REPORTED)]
+        P = self._P[REPORTED]
         P[5, :5] *= -1.0
         P[:5, 5] *= -1.0
         P[[0, 1], [0, 1]] += self._p.position_drift_m**2

@@ -64,5 +64,6 @@ class EstimatorParams(Struct):
     friction_time_s: Annotated[float, Range(0.1, 1000.0, 's')]  # how long it stays another
     misfit: Annotated[float, Range(1.0, 1000.0, '-')]  # of a fix, chi-square of 4
     misfits: Annotated[int, Range(1, 1000, 'in a row')]  # then the filter begins anew
-    yaw_rad: Annotated[float, Range(-7.0, 7.0, 'rad')] | None  # where the car starts at rest
+    # heading of a car that starts at rest; left out: it begins when it moves
+    yaw_rad: Annotated[float, Range(-7.0, 7.0, 'rad')] | None
     car: Vehicle

@@ -157,6 +157,7 @@ class RealtimeMode:
         self.node.simulator_at(self.now_ns()).advance(None, TICK_STEPS)
         scheduling.freeze_garbage()
         self.node.get_logger().info('holding the car at its start until a command answers it')
+        self.publish_run_start()  # an estimator knows it before the first messages of the sensors
         self.timer = ros.steady_timer(self.node, HOLD_S, self.on_hold)
 
     def on_hold(self):
