@@ -162,7 +162,7 @@ class RealtimeMode:
 
     def on_hold(self):
         """Publish the state at the start with the present time."""
-        if not self.node.is_active:  # a call that was already queued
+        if self.stepper or not self.node.is_active:  # a call that was already queued
             return
         now_ns = self.now_ns()
         self.hold.record(now_ns)
