@@ -1,11 +1,13 @@
-"""The estimator between sensors and controller of a drive on the wall clock, in one process."""
+"""The estimator between sensors and controller: on the wall clock in one process, and over DDS."""
 
 import numpy as np
 import pytest
+from node_graph import OF_PROCESSES, NodeGraph, assert_equal_tables
 from node_ring import NodeRing, Relay
 from rclpy.parameter import Parameter
 
 from bags.storage import read
+from experiments import simulation
 from node_runtime.input_monitor import OK, WARN
 
 pytestmark = [pytest.mark.smoke, pytest.mark.usefixtures('dds')]
@@ -91,3 +93,14 @@ def test_the_parameters_are_those_of_the_car_and_its_sensors(tmp_path):
         assert node.get_parameter('imu_s').value == 0.005
         refused = node.set_parameters_atomically([Parameter('method', value='raw')])
         assert 'read-only' in refused.reason
+
+
+@OF_PROCESSES
+def test_over_dds_in_a_namespace_the_bits_are_those_of_a_simulation(domain, tmp_path):
+    with NodeGraph(tmp_path, domain, **SENSORS) as graph:
+        graph.namespace = '/car1'
+        graph.start(*graph.nodes)
+        bag = graph.finish()
+    assert_equal_tables(
+        simulation.run(simulation.prepare('straight', 'mpcc', SENSORS)), read.columns(bag)
+    )
