@@ -102,7 +102,7 @@ def compare(car: str, path: Path, fit: Fit, begin: float = 0.0, end: float = 1.0
     beta = np.arctan2(truth.vy, truth.vx) - fit.values['sideslip_offset_rad']
     rows, own = {}, vehicle(known, fit, ROLL[car])
     for method in ('filter', 'kinematic'):
-        estimator = estimators.create(replace(params, method=method), own, 0.0)
+        estimator = estimators.create(replace(params, method=method, car=own, yaw_rad=0.0))
         results = [e for m in messages(signals, known, fit) if (e := estimator.update(m))]
         at = np.array([(e.state.stamp_ns - 1_000_000_000) / 1e9 for e in results])
         believed = np.array([math.atan2(e.state.vy, e.state.vx) for e in results])

@@ -1,34 +1,37 @@
-"""The estimator of a drive: what it knows of the car and the sensors, and its place in the ring."""
+"""The estimator of a drive: its parameters, from the car and its sensors, and it in process."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any
 
 from bags.errors import BagError
-from experiments.configuration import node_config
 from mpcc_controller.parameters import CarParams
 from msgs_yaml.types import VehicleState
-from node_runtime import node_parameters, parameters
+from node_runtime import parameters
 from state_estimator import estimators
 from state_estimator.estimate import Estimate
 from state_estimator.parameters import EstimatorParams, Vehicle
 from vehicle_plant import suspension
 from vehicle_plant.car import Car
 from vehicle_plant.sensors import Reading, SensorParams
+from vehicle_plant.simulator import STEP_NS, TICK_NS
 
-ROLE = 'estimator'
 RELAXATION_M = 0.5  # of a passenger tyre, a wheel's radius to two of them
 SLIP_PER_MPS2 = 0.004  # a tyre that slips by 4 % at 1 g
 
 
-def estimator_params(
-    sensors: SensorParams, friction: float, given: Mapping[str, Any]
-) -> EstimatorParams:
-    """Return config/estimator.yaml with the data sheets of the sensors, then what is `given`.
+def known_values(sensors: SensorParams, friction: float, car: Vehicle) -> dict[str, Any]:
+    """Return the parameters that follow from the sensors' data sheets and the car, by dotted name.
 
-    friction: that the controller believes. Raises BagError.
+    friction: that the controller believes. Raises BagError for an IMU that has no message at an
+    instant at which the controller is to know the state.
     """
     imu, chassis, receiver = sensors.imu, sensors.chassis, sensors.receiver
-    known = {
+    if TICK_NS % (imu.period_ms * STEP_NS):
+        raise BagError(
+            f'the sensors: imu.period_ms is {imu.period_ms}; allowed 1, 2, 5 or 10 ms: the '
+            'controller is to know the state every 50 ms'
+        )
+    return {
         'imu_s': imu.period_ms / 1000,
         'chassis_s': chassis.period_ms / 1000,
         'fix_s': receiver.period_ms / 1000,
@@ -44,14 +47,8 @@ def estimator_params(
         'position_drift_m': receiver.position_drift_m,
         'velocity_noise_mps': max(receiver.velocity_noise_mps, 0.005),
         'friction': friction,
+        **{f'car.{name}': value for name, value in parameters.flatten(car).items()},
     }
-    package, name = node_config.DEFAULTS[ROLE]
-    defaults = node_parameters.find_config(package, name)
-    try:
-        params, _ = node_parameters.resolve(EstimatorParams, defaults, {**known, **given}, {})
-    except parameters.ParameterError as error:
-        raise BagError(f'the estimator would not start: {error}') from None
-    return params
 
 
 def vehicle(car: CarParams, plant: Car) -> Vehicle:
@@ -107,8 +104,8 @@ def steady_roll_and_pitch(car: Car) -> tuple[float, float]:
 class Estimator:
     """Keeps the newest estimate of the messages that arrived."""
 
-    def __init__(self, params: EstimatorParams, car: Vehicle, yaw_rad: float):
-        self._estimator = estimators.create(params, car, yaw_rad)
+    def __init__(self, params: EstimatorParams):
+        self._estimator = estimators.create(params)
         self.estimates: list[Estimate] = []
 
     def read(self, readings: Iterable[Reading]) -> None:

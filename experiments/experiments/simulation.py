@@ -12,7 +12,7 @@ from bags.errors import BagError
 from bags.evaluation.drive import LATERAL_LIMIT, Drive, drive_from_columns
 from bags.storage import columns
 from bags.storage.columns import Columns
-from experiments import estimation, plant_limit
+from experiments import plant_limit
 from experiments.configuration import inputs, node_config
 from experiments.estimation import Estimator
 from mpcc_controller.driving.controller import Controller
@@ -113,7 +113,7 @@ def prepare_scenario(
         role: {name: written(f'{role}.{name}') for name in values}
         for role, values in settings.items()
     }
-    nodes = node_config.build_nodes(
+    nodes = inputs.build_nodes(
         scn, source or scn.name, chosen, 'lockstep', unused, unused, settings, origins
     )
     checked = inputs.check_parameters(nodes)
@@ -121,10 +121,6 @@ def prepare_scenario(
         inputs.check_car_fits(nodes, checked, *IN_PYTHON)
     params, vehicle = checked['controller']
     node, plant = checked['plant']
-    sensors, given = load_sensors(node), settings.get(estimation.ROLE, {})
-    if given and not sensors:
-        raise BagError(f'estimator.{next(iter(given))} has no effect without plant.sensors')
-    believed = params.model.friction
     return Setup(
         chosen.name,
         scn,
@@ -132,9 +128,9 @@ def prepare_scenario(
         vehicle,
         plant,
         node.friction,
-        sensors=sensors,
+        sensors=load_sensors(node),
         sensors_seed=node.sensors_seed or 0,
-        estimator=sensors and estimation.estimator_params(sensors, believed, given),
+        estimator=checked.get(inputs.ESTIMATOR, (None,))[0],
         faults=node.faults,
     )
 
@@ -167,7 +163,7 @@ def steps(setup: Setup) -> Iterator[Step]:
     plant_side = LockstepStepper(car, RunEnd(inputs.stop_params(scn), car.now))
     controller = make_controller(setup, car)
     sensors = setup.sensors and Sensors(setup.sensors, setup.plant.car, setup.sensors_seed, car.now)
-    estimator = make_estimator(setup)
+    estimator = setup.estimator and Estimator(setup.estimator)
     track, predictions = car.now, None
     while True:
         readings = sensors.measure(track) if sensors else []
@@ -229,7 +225,8 @@ def run(
     if setup.sensors:
         measured = {topic: [r.value for r in readings if r.topic == topic] for topic in TOPICS}
     if step.estimator:
-        measured['/estimator/odometry'] = [e.state for e in step.estimator.estimates]
+        believed = (e.as_message() for e in step.estimator.estimates)
+        measured['/estimator/odometry'] = [*map(conversions.odometry_as_received, believed)]
     return build_columns(join_trajectories(tracks), commands, values, measured)
 
 
@@ -239,14 +236,6 @@ def make_car(setup: Setup) -> Simulator:
     patches = road_friction.patch_array(*scn.patches)
     start = Start(*scn.start)
     return Simulator(setup.plant, setup.friction, start, patches=patches, faults=setup.faults)
-
-
-def make_estimator(setup: Setup) -> Estimator | None:
-    """Return the estimator between sensors and controller, None for a car without sensors."""
-    if setup.estimator is None:
-        return None
-    car = estimation.vehicle(setup.vehicle, setup.plant.car)
-    return Estimator(setup.estimator, car, setup.scn.start.psi)
 
 
 def make_controller(setup: Setup, car: Simulator) -> Controller:

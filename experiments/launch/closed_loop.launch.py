@@ -86,7 +86,7 @@ def start_nodes(context):
     bag = _new_bag(given['out'], scn, controller) if record else folder / node_config.BAG_FOLDER
     run_info = folder / node_config.RUN_INFO_FILE
     overrides, origins = _overrides(given)
-    nodes = node_config.build_nodes(
+    nodes = inputs.build_nodes(
         scn, given['scenario'], controller, mode, bag, run_info, overrides, origins, record
     )
     checked = inputs.check_parameters(nodes)
@@ -132,6 +132,7 @@ def _overrides(given):
 def _start(node, folder, monitor, given):
     parameter_file = node_config.write_parameter_file(node, folder)
     arguments = ['--log-level', given['log_level']]
+    arguments += [part for rule in node.remappings for part in ('-r', rule)]
     if given['use_sim_time'] == 'true':
         # rclpy listens to the clock of the root, whatever the namespace is
         arguments += ['-p', 'use_sim_time:=true', '-r', '/clock:=clock']

@@ -59,6 +59,11 @@ UNITS = (
     '-',
     'word',
     'm^2',
+    'm rad',
+    'rad^2',
+    'm^2/s^2',
+    'm rad/s^2',
+    'rad^2/s^2',
 )
 WORD = 'word'
 ContractError = YamlError

@@ -9,7 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from msgs_yaml.types import Branch, Prediction, Predictions, Reference, VehicleState
+from msgs_yaml.types import (
+    Branch,
+    EstimatedState,
+    Prediction,
+    Predictions,
+    Reference,
+    VehicleState,
+)
 
 NS_PER_S = 1_000_000_000
 _BOOLEANS = {'True': True, 'False': False}
@@ -104,8 +111,8 @@ def headings_as_received(psi: np.ndarray) -> np.ndarray:
     return quaternions_to_headings(z, w)
 
 
-def odometry_as_received(x: VehicleState) -> VehicleState:
-    """Return decode.odometry(encode.odometry(x))."""
+def odometry_as_received(x: VehicleState | EstimatedState) -> VehicleState | EstimatedState:
+    """Return decode.odometry(encode.odometry(x)), or the same of an estimate."""
     return x._replace(psi=heading_as_received(x.psi))
 
 

@@ -2,7 +2,7 @@
 
 A step is an attribute, with an optional selector in brackets: `*` takes every element of an
 array, a word takes the elements whose namespace (Marker), name (DiagnosticStatus) or key
-(KeyValue) matches it; the word may be a pattern as in `cost.*`.
+(KeyValue) matches it; the word may be a pattern as in `cost.*`. A number is an index.
 """
 
 import re
@@ -43,6 +43,9 @@ def getter(path: str) -> Callable[[Any], list]:
     def get(message):
         values = [message]
         for arrays, selector in pieces:
+            if selector.isdigit():
+                values = [array[int(selector)] for array in map(arrays, values)]
+                continue
             values = [element for array in map(arrays, values) for element in array]
             if selector != '*':
                 values = [value for value in values if fnmatchcase(_label(value), selector)]

@@ -1,7 +1,8 @@
 """Values of fixed size: as flat numbers, and as serialised messages (CDR: XCDR1, little endian).
 
 Fields of the contract with a `column` make the value of their topic. A field of the value is one
-number, four (one per wheel), or a heading (z and w of its quaternion). `encode`, `decode`, the
+number, which a symmetric matrix has twice, four (one per wheel), or a heading (z and w of its
+quaternion). `encode`, `decode`, the
 publishers and the tables of `bags` derive from this, so a new number costs a line in topics.yaml
 and one in `types`. No ROS is needed.
 
@@ -18,9 +19,19 @@ from itertools import accumulate, pairwise
 from operator import attrgetter
 from typing import Any
 
-from msgs_yaml import conformance, contract, conversions, field_paths
+from msgs_yaml import conformance, contract, conversions
 from msgs_yaml.contract import JOINT_ARRAYS, ContractError, Topic
-from msgs_yaml.types import WHEELS, Actuators, Chassis, Command, Gnss, Imu, VehicleState, Wheels
+from msgs_yaml.types import (
+    WHEELS,
+    Actuators,
+    Chassis,
+    Command,
+    EstimatedState,
+    Gnss,
+    Imu,
+    VehicleState,
+    Wheels,
+)
 
 TYPES = {
     '/vehicle/odometry': VehicleState,
@@ -30,7 +41,7 @@ TYPES = {
     '/sensors/inertial': Imu,
     '/sensors/chassis': Chassis,
     '/sensors/gnss': Gnss,
-    '/estimator/odometry': VehicleState,
+    '/estimator/odometry': EstimatedState,
     '/controller/command': Command,
 }
 HEADING = 'psi'
@@ -61,18 +72,25 @@ class FlatFields:
             what = f'topics.yaml has the values {", ".join(fields)}; {self.kind.__name__} others'
             raise ContractError(f'{topic}: {what}')
         for name, paths in fields.items():
-            if len(paths) not in (1, len(WHEELS)) and (name, len(paths)) != (HEADING, 2):
-                what = f'{len(paths)} fields; allowed 1 or {len(WHEELS)}'
+            symbols = {described.fields[path].symbol for path in paths}
+            is_pair = len(paths) == 2 and (name == HEADING or len(symbols) == 1)
+            if len(paths) not in (1, len(WHEELS)) and not is_pair:
+                what = f'{len(paths)} fields; allowed 1 or {len(WHEELS)}, or 2 of one symbol'
                 raise ContractError(f'{topic}: the value {name} has {what}')
         self.paths = tuple(path for group in fields.values() for path in group)
         self.columns = {column: tuple(group) for column, group in columns.items()}
         self._parts = [
             slice(*ends) for ends in pairwise(accumulate(map(len, fields.values()), initial=0))
         ]
-        self._get = attrgetter(*(JOINT_ARRAYS if described.joints else self.paths))
-        self._places = []  # of a JointState: array and index of each number
-        for ((array, name),) in map(field_paths.parse, self.paths if described.joints else ()):
-            self._places.append((JOINT_ARRAYS.index(array), described.joints.index(name)))
+        # of each number its attribute and, in an array, its index
+        places = [path.rstrip(']').partition('[')[::2] for path in self.paths]
+        names = [*dict.fromkeys(name for name, _ in places)]
+        self._get = attrgetter(*names, names[0])  # of one name it would be no tuple
+        joints = described.joints
+        self._places = [
+            (names.index(name), joints.index(i) if i in joints else int(i) if i else None)
+            for name, i in places
+        ]
         self._ranges = [(described.fields[p].low, described.fields[p].high) for p in self.paths]
         self._turn = [i for i, p in enumerate(self.paths) if f'{conformance.ORIENTATION}.' in p]
         message, offsets = _message(described)
@@ -89,31 +107,29 @@ class FlatFields:
     def to_numbers(self, value: Any) -> list[float]:
         """Return the numbers of a value, one per path."""
         numbers = []
-        for part, field in zip(self._parts, value[1:]):
+        for name, part, field in zip(self.kind._fields[1:], self._parts, value[1:]):
             width = part.stop - part.start
-            if width == 1:
-                numbers.append(field)
+            if name == HEADING:
+                numbers += conversions.heading_to_quaternion(field)
             else:
-                numbers += conversions.heading_to_quaternion(field) if width == 2 else field
+                numbers += [field] * width if width <= 2 else field
         return numbers
 
     def to_value(self, stamp_ns: int, numbers: Sequence[float]) -> Any:
         """Return the value of numbers, one per path."""
         fields = []
-        for part in self._parts:
+        for name, part in zip(self.kind._fields[1:], self._parts):
             group = numbers[part]
-            if len(group) == 2:
+            if name == HEADING:
                 fields.append(conversions.quaternion_to_heading(*group))
             else:
-                fields.append(group[0] if len(group) == 1 else tuple(group))
+                fields.append(group[0] if len(group) <= 2 else tuple(group))
         return self.kind(stamp_ns, *fields)
 
     def numbers_of(self, message: Any) -> list[float]:
         """Return the numbers of a message object of any library."""
         given = self._get(message)
-        if self._places:
-            given = [given[array][index] for array, index in self._places]
-        return list(map(float, given))
+        return [float(given[k] if i is None else given[k][i]) for k, i in self._places]
 
     def fill(self, value: Any) -> bytes:
         """Return the serialised message of a value of `types`."""
@@ -184,6 +200,9 @@ def _message_fields(topic) -> Iterator[tuple[str, float | bytes, str]]:
     def numbers(form, names):
         return (('d', 0.0, form.format(name)) for name in names)
 
+    def matrix(path):
+        return numbers(f'{path}[{{}}]', range(36))
+
     yield from text(topic.frame)
     if topic.type == 'nav_msgs/msg/Odometry':
         yield from text(topic.child_frame)
@@ -192,10 +211,10 @@ def _message_fields(topic) -> Iterator[tuple[str, float | bytes, str]]:
             yield from numbers('pose.pose.orientation.{}', 'xyzw')
         else:
             yield from constants(*_IDENTITY)
-        yield from constants(*[0.0] * 36)  # covariance
+        yield from matrix('pose.covariance')
         yield from numbers('twist.twist.linear.{}', 'xyz')
         yield from numbers('twist.twist.angular.{}', 'xyz')
-        yield from constants(*[0.0] * 36)
+        yield from matrix('twist.covariance')
     elif topic.type == 'sensor_msgs/msg/Imu':
         yield from constants(*_IDENTITY, *_NO_ORIENTATION)
         yield from numbers('angular_velocity.{}', 'xyz')

@@ -26,6 +26,36 @@ class VehicleState(NamedTuple):
     r: float  # rad/s, yaw rate
 
 
+class EstimatedState(NamedTuple):
+    """What an estimator believes of a `VehicleState`, with covariances: /estimator/odometry."""
+
+    stamp_ns: int
+    X: float  # m, map
+    Y: float  # m, map
+    psi: float  # rad, map, in (-pi, pi]
+    vx: float  # m/s, base_link
+    vy: float  # m/s, base_link
+    r: float  # rad/s, yaw rate
+    # variances and covariances, in the products of the units above; all 0 where nothing is stated
+    var_X: float
+    cov_X_Y: float
+    cov_X_psi: float
+    var_Y: float
+    cov_Y_psi: float
+    var_psi: float
+    var_vx: float
+    cov_vx_vy: float
+    cov_vx_r: float
+    var_vy: float
+    cov_vy_r: float
+    var_r: float
+
+    @property
+    def state(self) -> VehicleState:
+        """The state alone, as a controller takes it."""
+        return VehicleState(*self[: len(VehicleState._fields)])
+
+
 class Actuators(NamedTuple):
     """State of the actuators, behind their lag: /vehicle/actuators."""
 

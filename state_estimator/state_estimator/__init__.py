@@ -1,10 +1,11 @@
 """From measurements to the motion of the car, with its covariance.
 
 Use:
-    estimators      the estimator that the parameters name
+    estimators      the estimator that the parameters name, and the stream of messages to it
+    estimator_node  the node
 Parts:
     filter          extended Kalman filter with a model of the car
-    estimate        what an estimator says
+    estimate        what an estimator says, and its message
     vehicle_model   axles, tyres and wheels
     references      a kinematic observer, and no filter, to compare with
     parameters      of the car and of the errors that are expected

@@ -31,9 +31,11 @@ from state_estimator.vehicle_model import G, RestDetector
 
 N = 9
 X, Y, PSI, VX, VY, B_AX, B_AY, B_R, MU = range(N)
-REPORTED = [X, Y, PSI, VX, VY, B_R]
+REPORTED = np.ix_(*[[X, Y, PSI, VX, VY, B_R]] * 2)
 SLOW_MPS, CRAWL_MPS = 4.0, 1.0  # below them: no slip; no course
 FIX_LATE_S, LATE_NS = 1.0, 100_000_000  # a receiver is silent; an angle is too old
+# what a car that drives may have done since the fix from which the filter begins anew
+ANEW_MPS2, ANEW_SIDESLIP_RAD = 5.0, 0.1
 MU_RANGE = 0.1, 1.3
 HISTORY_S = 0.6  # a fix that is older is not used
 LARGEST_OFFSET_NS = 20_000_000  # of a fix from the nearest message of the IMU
@@ -56,19 +58,27 @@ class Filter:
     def __init__(self, params: EstimatorParams, vehicle: Vehicle, yaw_rad: float | None = None):
         """Begin without a state; `yaw_rad` is the heading where the car starts at rest."""
         self._p, self._car, self._yaw = params, vehicle, yaw_rad
-        self.resets = 0
+        self._chassis: Chassis | None = None
+        self._fix: Gnss | None = None
+        self.resets, self.reason = 0, ''  # why it began anew the last time
         self._begin()
 
     def _begin(self):
         self._x = self._P = None
         self._steps: deque[_Step] = deque()
         self._A = _I
-        self._chassis: Chassis | None = None
-        self._imu = self._first = None
+        self._imu = None
         self._fix_ns = self._misfits = 0
         self._rest = RestDetector()
         self._phi = self._r_slow = self._ay_slow = 0.0
         self._alpha = np.zeros(2)
+
+    def _begin_anew(self, reason):
+        """Forget the state but for the heading, which nothing tells of a car at rest."""
+        if self._x is not None and math.isfinite(self._x[PSI]):
+            self._yaw = float(self._x[PSI])
+        self._begin()
+        self.resets, self.reason = self.resets + 1, reason
 
     def update(self, message: Imu | Chassis | Gnss) -> Estimate | None:
         """Take a message; return the estimate after one of the IMU, once there is a state."""
@@ -76,41 +86,50 @@ class Filter:
         return use(message)
 
     def _start(self, imu):
-        """Begin at the first fix, moved on by its velocity; a car that moves looks ahead."""
-        p, fix = self._p, self._first
+        """Begin at the newest fix, moved on by its velocity; a car that moves looks ahead.
+
+        A drive begins at constant velocity; later the car may have braked since, and slides.
+        """
+        p, fix = self._p, self._fix
         since = (imu.stamp_ns - fix.stamp_ns) / NS_PER_S
+        if since > FIX_LATE_S:
+            return
+        changed, slide = ANEW_MPS2 * since, ANEW_SIDESLIP_RAD
+        if not self.resets:
+            changed, slide = 0.0, p.start_sideslip_rad
+        velocity = math.hypot(p.velocity_noise_mps, changed)
         speed = math.hypot(fix.vX, fix.vY)
-        psi, sd = math.atan2(fix.vY, fix.vX), p.velocity_noise_mps / max(speed, CRAWL_MPS)
+        psi, sd = math.atan2(fix.vY, fix.vX), velocity / max(speed, CRAWL_MPS)
         if speed < CRAWL_MPS:
             if self._yaw is None:
                 return
-            psi, sd, speed = self._yaw, p.start_yaw_rad, 0.0
+            psi, speed = self._yaw, 0.0
+            sd = ANEW_SIDESLIP_RAD if self.resets else p.start_yaw_rad
         self._x = np.array(
             [fix.X + since * fix.vX, fix.Y + since * fix.vY, psi, speed, 0, 0, 0, 0, p.friction],
             float,
         )
-        at = math.hypot(p.position_noise_m, p.position_drift_m)
-        sds = [at, at, sd, p.velocity_noise_mps, p.velocity_noise_mps]
+        at = math.hypot(p.position_noise_m, p.position_drift_m, 0.5 * changed * since)
+        sds = [at, at, sd, velocity, velocity]
         sds += [*[p.acceleration_bias_mps2] * 2, p.rate_bias_radps, p.friction_spread]
         self._P = np.diag(np.square(sds))
         # the course is known: what turns the heading turns the velocity against the body
-        slide = p.start_sideslip_rad if speed else 0.0
+        slide *= speed > 0.0
         self._P[PSI, PSI] += slide**2
         self._P[VY, VY] += (slide * speed) ** 2
         self._P[PSI, VY] = self._P[VY, PSI] = -speed * slide**2
         self._fix_ns, self._r_slow, self._ay_slow = fix.stamp_ns, imu.r, imu.ay
 
     def _on_imu(self, imu):
-        before, self._imu = self._imu, imu
+        before = self._imu
+        dt = (imu.stamp_ns - before.stamp_ns) / NS_PER_S if before else 0.0
+        if self._x is not None and not 0.0 < dt <= LONGEST_STEP_S:
+            self._begin_anew(f'{dt:.3f} s between two messages of the IMU')
+        self._imu = imu
         if self._x is None:
-            if self._first and self._chassis:
+            if self._fix and self._chassis:
                 self._start(imu)
             return None if self._x is None else self._estimate(imu)
-        dt = (imu.stamp_ns - before.stamp_ns) / NS_PER_S
-        if not 0.0 < dt <= LONGEST_STEP_S:
-            self._begin()
-            self.resets += 1
-            return None
         self._steps.append(_Step(before.stamp_ns, self._x, self._P, self._A))
         self._A = self._predict(before, imu, dt)
         self._use_tyres(imu, dt)
@@ -223,8 +242,8 @@ class Filter:
         return self._rest.update(imu, self._chassis, self._x[B_AX], self._x[B_R])
 
     def _on_fix(self, fix):
+        self._fix = fix
         if self._x is None:
-            self._first = fix
             return
         now = _Step(self._imu.stamp_ns, self._x, self._P, self._A)
         steps = [*self._steps, now]
@@ -247,10 +266,7 @@ class Filter:
         misfit = float(innovation @ np.linalg.solve(S, innovation))
         self._misfits = self._misfits + 1 if misfit > p.misfit else 0
         if self._misfits > p.misfits:
-            self.resets += 1
-            chassis, imu = self._chassis, self._imu
-            self._begin()
-            self._chassis, self._imu, self._first = chassis, imu, fix
+            self._begin_anew('the receiver stays elsewhere')
             return
         if self._misfits:
             return
@@ -270,8 +286,8 @@ class Filter:
         Ph = self._P @ h
         K = Ph / (h @ Ph + R)
         self._x = self._x + K * innovation
-        self._P = self._P - np.outer(K, Ph)
-        self._A = self._A - np.outer(K, h @ self._A)
+        self._P = self._P - K[:, None] * Ph
+        self._A = self._A - K[:, None] * (h @ self._A)
         self._finish()
 
     def _finish(self):
@@ -280,15 +296,16 @@ class Filter:
 
     def _estimate(self, imu):
         x = self._x
-        if not np.isfinite(x).all():
-            self._begin()
-            self.resets += 1
-            return None
+        if not (np.isfinite(x).all() and self._P.diagonal().min() >= 0.0):
+            self._begin_anew('the state was no number, or a variance below 0')
+            self._imu = imu
+            self._start(imu)
+            return None if self._x is None else self._estimate(imu)
         state = VehicleState(
             imu.stamp_ns, float(x[X]), float(x[Y]), wrap_angle(float(x[PSI])), float(x[VX]),
             float(x[VY]), imu.r - float(x[B_R]),
         )  # fmt: skip
-        P = self._P[np.ix_(REPORTED, REPORTED)]
+        P = self._P[REPORTED]
         P[5, :5] *= -1.0
         P[:5, 5] *= -1.0
         P[[0, 1], [0, 1]] += self._p.position_drift_m**2

@@ -28,16 +28,15 @@ class Vehicle(Struct):
 
 
 class EstimatorParams(Struct):
-    """Standard deviations of errors, and times over which they last: config/estimator.yaml."""
+    """The car; standard deviations of errors, and how long they last: config/estimator.yaml."""
 
-    method: Annotated[str, Choice('filter', 'kinematic', 'raw')]  # `raw`: no filter
-    imu_s: Annotated[float, Range(0.0005, 0.05, 's')]  # between two messages, as below
+    method: Annotated[str, Choice('filter', 'kinematic', 'raw')]  # filter, observer, or none
+    imu_s: Annotated[float, Range(0.0005, 0.05, 's')]
     chassis_s: Annotated[float, Range(0.0005, 0.1, 's')]
     fix_s: Annotated[float, Range(0.01, 2.0, 's')]
     acceleration_bias_mps2: Annotated[float, Range(0.0, 5.0, 'm/s^2')]
     acceleration_noise: Annotated[float, Range(0.0, 1.0, 'm/s^2 per root Hz')]
     acceleration_walk: Annotated[float, Range(0.0, 1.0, 'm/s^2 per root second')]
-    # gravity by roll, at ay of 1 m/s^2, and by pitch
     roll_noise: Annotated[float, Range(0.0, 1.0, 'm/s^2 per root Hz')]
     pitch_noise: Annotated[float, Range(0.0, 1.0, 'm/s^2 per root Hz')]
     rate_bias_radps: Annotated[float, Range(0.0, 0.5, 'rad/s')]
@@ -65,3 +64,6 @@ class EstimatorParams(Struct):
     friction_time_s: Annotated[float, Range(0.1, 1000.0, 's')]  # how long it stays another
     misfit: Annotated[float, Range(1.0, 1000.0, '-')]  # of a fix, chi-square of 4
     misfits: Annotated[int, Range(1, 1000, 'in a row')]  # then the filter begins anew
+    # heading of a car that starts at rest; left out: it begins when it moves
+    yaw_rad: Annotated[float, Range(-7.0, 7.0, 'rad')] | None
+    car: Vehicle

@@ -17,11 +17,13 @@ from state_estimator.vehicle_model import G
 GAIN = 2.0  # poles of the observer, over |r|
 FORGET_S = 0.5  # without a yaw rate vy cannot be observed: it decays
 FIX_SHARE = 0.2  # of the distance to a fix that is made up at once
-_UNKNOWN = np.full((6, 6), np.nan)
+_NOT_STATED = np.zeros((6, 6))
 
 
 class Raw:
     """No filter: the last fix moved on, its course as heading, wheel speed, gyroscope, vy = 0."""
+
+    resets, reason = 0, ''  # it never begins anew
 
     def __init__(self, params: EstimatorParams, vehicle: Vehicle, yaw_rad: float | None = None):
         self._p, self._car, self._yaw = params, vehicle, yaw_rad
@@ -42,7 +44,7 @@ class Raw:
                 return None
             dt = (message.stamp_ns - before.stamp_ns) / NS_PER_S if before else 0.0
             self._predict(message, min(max(dt, 0.0), LONGEST_STEP_S))
-            return Estimate(self._state(message), _UNKNOWN, self._p.friction, OK)
+            return Estimate(self._state(message), _NOT_STATED, self._p.friction, OK)
         return None
 
     def _on_fix(self, fix):

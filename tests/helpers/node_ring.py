@@ -33,11 +33,13 @@ from msgs_yaml.types import Command, Why
 from node_runtime import ros, scheduling
 from node_runtime.clocks import SteadyClock
 from scenario_publisher.scenario_node import ScenarioNode
+from state_estimator.estimator_node import EstimatorNode
 from vehicle_plant.plant_node import PlantNode
 
 NODES = {
     'recorder': RecorderNode,
     'controller': ControllerNode,
+    'estimator': EstimatorNode,
     'plant': PlantNode,
     'scenario': ScenarioNode,  # last: nothing is latched here
 }
@@ -228,7 +230,7 @@ class Bus:
         create_subscription, destroy = Node.create_subscription, Node.destroy_publisher
 
         def publisher(node, kind, name, profile, **more):
-            topic = f'/{name.lstrip("/")}'
+            topic = node.resolve_topic_name(name)
             if topic not in topics:
                 return create_publisher(node, kind, name, profile, **more)
             self.publishers.append(Publisher(self, node, topic, kind, profile))
@@ -236,7 +238,7 @@ class Bus:
             return self.publishers[-1]
 
         def subscription(node, kind, name, callback, profile, *, raw=False, **more):
-            topic = f'/{name.lstrip("/")}'
+            topic = node.resolve_topic_name(name)
             if topic not in topics:
                 return create_subscription(node, kind, name, callback, profile, raw=raw, **more)
             new = Subscription(self, node, topic, kind, callback, profile, raw)
@@ -279,7 +281,7 @@ class Bus:
 
 
 class NodeRing:
-    """Recorder, scenario, controller and plant of one run; a context manager."""
+    """Recorder, scenario, controller, plant and, with sensors, estimator of one run; a context."""
 
     def __init__(self, folder: Path, mode: str, road: str, **settings: dict[str, Any]):
         """`road` is a scenario, `settings` are {dotted name: value} of parameters, by role."""
@@ -309,12 +311,15 @@ class NodeRing:
             number = stack.enter_context(domain.reserved({}))
             for name in (signal.SIGINT, signal.SIGTERM):  # the recorder takes them
                 stack.callback(signal.signal, name, signal.getsignal(name))
-            rclpy.init(args=['--ros-args', '--params-file', str(file)], domain_id=number)
+            rules = [f'{n.role}:{rule}' for n in self.configured for rule in n.remappings]
+            given = ['--params-file', str(file), *(part for rule in rules for part in ('-r', rule))]
+            rclpy.init(args=['--ros-args', *given], domain_id=number)
             stack.callback(rclpy.shutdown)
             stack.enter_context(self.bus.connecting())
             stack.callback(self._destroy)
+            roles = {node.role for node in self.configured}
             for role in NODES:
-                if role not in self.late:
+                if role in roles and role not in self.late:
                     self.start(role)
             self.stack = stack.pop_all()
         return self

@@ -122,7 +122,7 @@ def test_the_shipped_contract_names_every_topic_of_the_ring_and_what_others_deri
     }
     names = {f'/{node}/{name}' for node, ends in of_nodes.items() for name in ends.split()}
     assert set(SHIPPED.topics) == names | {'/diagnostics', '/clock'}
-    nodes = ('scenario', 'controller', 'plant', 'recorder')
+    nodes = ('scenario', 'controller', 'plant', 'estimator', 'recorder')
     events = {f'/{node}/transition_event' for node in nodes}
     assert set(SHIPPED.derived) == events | {'/tf', '/tf_static', '/robot_description', '/rosout'}
     assert SHIPPED.find('/tf').type == 'tf2_msgs/msg/TFMessage'

@@ -73,6 +73,8 @@ def place_of(topic, message, path):
         place.append(attribute)
         if selector in TOPICS[topic].joints:
             place.append(str(TOPICS[topic].joints.index(selector)))
+        elif selector and selector.isdigit():
+            place.append(selector)
         elif selector:
             labels = [selector if selector == '*' else element.ns for element in owner]
             k = max(k for k, label in enumerate(labels) if label == selector)

@@ -106,7 +106,7 @@ FORMS = {
     '/sensors/chassis': st.builds(types.Chassis, STAMP, STEER, four(-200, 600)),
     '/sensors/gnss': st.builds(types.Gnss, STAMP, METRES, METRES, SPEED, SPEED),
     '/estimator/odometry': st.builds(
-        types.VehicleState, STAMP, METRES, METRES, ANGLE, SPEED, SPEED, RATE
+        types.EstimatedState, STAMP, METRES, METRES, ANGLE, SPEED, SPEED, RATE, *[number(0, 9)] * 12
     ),
     '/controller/command': st.builds(types.Command, STAMP, STEER, RATE, FORCE, FORCE),
     '/scenario/reference': paths(types.Reference, 2),
@@ -185,7 +185,7 @@ UNLIMITED = {
     '/sensors/inertial': [ANY] * 4,
     '/sensors/chassis': [ANY, st.tuples(*[ANY] * 4)],
     '/sensors/gnss': [ANY] * 4,
-    '/estimator/odometry': (ANY, ANY, st.floats(-10, 10), ANY, ANY, ANY),
+    '/estimator/odometry': (ANY, ANY, st.floats(-10, 10), *[ANY] * 15),
     '/vehicle/actuators': (*[ANY] * 4, ANY_FOUR),
     '/vehicle/wheels': [ANY_FOUR] * 7,
     '/controller/command': [ANY] * 4,

@@ -29,6 +29,7 @@ NODES = (
         'mpcc_node',
         'frenet_node',
         'plant_node',
+        'estimator_node',
     ),
     *('markers_node', 'player_node', 'recorder_node'),
 )

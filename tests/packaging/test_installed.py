@@ -29,7 +29,7 @@ builds = [
 ]
 EXECUTABLES = {
     'scenario_publisher': ('scenario_node', 'converter_node'),
-    'state_estimator': (),
+    'state_estimator': ('estimator_node',),
     'mpcc_controller': ('controller_node', 'mpcc_node', 'frenet_node'),
     'vehicle_plant': ('plant_node', 'identify', 'manoeuvre'),
     'bags': ('markers_node', 'player_node', 'recorder_node', 'bags'),

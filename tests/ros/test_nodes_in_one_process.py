@@ -26,6 +26,7 @@ pytestmark = [pytest.mark.smoke, pytest.mark.usefixtures('dds')]
 SHORT = {'stop.x_m': 8.0, 'stop.armed_after_m': 1.0}  # half a second of driving
 WHY, PREDICTIONS = '/controller/why', '/scenario/predictions'
 TICK_NS = 50_000_000
+CONSUMER = {'plant': {'sensors': 'sensors_consumer.yaml'}}
 MULTI_BODY = {
     'plant': {'plant_params': parameters.MULTI_BODY_CAR},
     'controller': {'car_file': 'car_commonroad_320i.yaml'},
@@ -40,14 +41,22 @@ MULTI_BODY = {
         # friction patches reach the plant by another path than everything else
         pytest.param('split_mu', {}, id='patches'),
         pytest.param('double_lane_change', MULTI_BODY, id='multi-body'),
+        # outages of the receiver, fixes between the ticks
+        pytest.param('double_lane_change', CONSUMER, id='estimator'),
     ],
 )
 def test_through_the_nodes_and_in_a_simulation_the_bits_are_the_same(name, settings, tmp_path):
-    with NodeRing(tmp_path, 'lockstep', name, **settings) as ring:
+    ring = NodeRing(tmp_path, 'lockstep', name, **settings)
+    note_run(ring.configured, tmp_path, name)
+    with ring:
         bag = ring.finish()
     computed = simulation.run(simulation.prepare(name, 'mpcc', settings))
     columns = read.columns(bag)
     assert_equal_tables(computed, columns)
+    if settings is CONSUMER:
+        report = check.check(bag, {})
+        assert report.repeatable == len(report.ticks) == len(columns[WHY].values)
+        assert not report.failures
 
 
 def test_predictions_and_sight_are_the_same_through_the_nodes_and_in_a_replay(tmp_path):

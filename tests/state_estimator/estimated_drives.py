@@ -8,8 +8,10 @@ from drives import drive, load
 from experiments import estimation
 from mpcc_controller import car_file
 from msgs_yaml.types import Gnss
+from node_runtime import node_parameters
 from node_runtime import parameters as yaml_parameters
 from state_estimator import estimators
+from state_estimator.parameters import EstimatorParams
 from vehicle_plant import parameters
 from vehicle_plant.initial_state import Start
 from vehicle_plant.sensors import SensorParams, Sensors
@@ -34,7 +36,9 @@ def grade(name='automotive'):
 
 def params(name='automotive', **given):
     """Return the parameters of the estimator for sensors of a grade."""
-    return estimation.estimator_params(grade(name), 1.0, given)
+    known = estimation.known_values(grade(name), 1.0, car()) | {'yaw_rad': START.psi}
+    defaults = node_parameters.find_config('state_estimator', 'estimator.yaml')
+    return node_parameters.resolve(EstimatorParams, defaults, {**known, **given})[0]
 
 
 @cache
@@ -62,7 +66,7 @@ def readings(driven, name='automotive', seed=1):
 
 def estimate(messages, given=None):
     """Return the estimator after the messages, and what it returned."""
-    estimator = estimators.create(given or params(), car(), START.psi)
+    estimator = estimators.create(given or params())
     results = [estimator.update(message.value) for message in messages]
     return estimator, [result for result in results if result]
 

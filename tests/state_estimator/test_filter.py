@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 from msgs_yaml.types import Chassis, Gnss, Imu
+from state_estimator.estimators import Stream
 from state_estimator.vehicle_model import tyre_force
 
 AT_THE_LIMIT = [(0.03, 2.0, 0.0), (0.06, 3.0, 9000.0), (0.08, 4.0, 0.0), (0.05, 1.5, 14000.0)]
@@ -193,11 +194,72 @@ def test_a_car_that_stands_is_known_to_stand():
     assert abs(end.state.X - driven.state_columns().X[-1]) < 0.1
 
 
-def test_a_pause_of_the_imu_begins_anew():
+def test_a_pause_of_the_imu_begins_anew_at_once_and_says_how_little_it_knows():
     driven = track(0.02, 2.0)
     estimator, results = estimate(without(readings(driven), Imu, 2.0, 2.5))
+    assert (estimator.resets, estimator.reason) == (1, '0.505 s between two messages of the IMU')
+    stamps = [r.state.stamp_ns for r in results]
+    assert np.diff(stamps).max() == 505_000_000
+    error, sd = errors(driven, results)
+    after = int(np.diff(stamps).argmax()) + 1
+    assert np.all(np.abs(error[after:]) < 4 * sd[after:])
+    assert np.all(sd[after, :5] > sd[after - 1, :5])
+    assert np.abs(error[-1, :2]).max() < 0.2
+
+
+def test_a_car_that_stands_keeps_its_heading_when_the_filter_begins_anew():
+    driven = track(0.05, 1.0, seconds=14.0, stops=True)
+    turned = driven.state_columns().psi[-1]
+    assert abs(turned - START.psi) > 0.1
+    estimator, results = estimate(without(readings(driven), Imu, 12.0, 12.5))
     assert estimator.resets == 1
-    assert np.abs(errors(driven, results)[0][-1, :2]).max() < 0.2
+    assert results[-1].state.psi == pytest.approx(turned, abs=0.03)
+
+
+def test_a_state_that_is_no_number_is_begun_anew_with_the_same_message():
+    messages = readings(track(0.02, 2.0))
+    estimator, before = estimate(messages[:1000])
+    estimator._x[3] = np.nan
+    after = [result for m in messages[1000:] if (result := estimator.update(m.value))]
+    assert (estimator.resets, len(before) + len(after)) == (1, len(estimate(messages)[1]))
+    assert np.isfinite(np.array([r.state[1:] for r in after])).all()
+    assert all((np.linalg.eigvalsh(r.covariance) > 0).all() for r in after)
+
+
+def test_repeated_messages_change_nothing_and_older_ones_begin_a_drive():
+    messages = [m.value for m in readings(track(0.02, 2.0))]
+    once, twice = Stream(params()), Stream(params())
+    expected = [once.take(m) for m in messages]
+    for m, estimated in zip(messages, expected):
+        first, again = twice.take(m), twice.take(m)
+        assert (first is None) == (estimated is None)
+        assert again is first
+        assert first is None or first.as_message() == estimated.as_message()
+    assert [e and e.as_message() for e in map(twice.take, messages)] == [
+        e and e.as_message() for e in expected
+    ]
+
+
+def test_a_fix_of_a_car_that_is_held_begins_a_drive():
+    stream, messages = Stream(params()), [m.value for m in readings(track(0.02, 2.0))[:3]]
+    assert [type(m) for m in messages] == [Gnss, Chassis, Imu]
+    stream.is_held = True
+    for k in range(50):  # at 20 m/s, and it stays where it is
+        later = [m._replace(stamp_ns=m.stamp_ns + k * 20_000_000) for m in messages]
+        held = [stream.take(m) for m in later][-1]
+        assert np.hypot(held.state.X - START.X, held.state.Y - START.Y) < 0.2
+    assert stream.resets == 0
+
+
+def test_the_message_holds_the_covariance_of_pose_and_twist():
+    _, results = estimate(readings(track(0.02, 2.0)))
+    message, P = results[-1].as_message(), results[-1].covariance
+    assert message.state == results[-1].state
+    assert message[7:13] == (P[0, 0], P[0, 1], P[0, 2], P[1, 1], P[1, 2], P[2, 2])
+    assert message[13:] == (P[3, 3], P[3, 4], P[3, 5], P[4, 4], P[4, 5], P[5, 5])
+    for method in ('kinematic', 'raw'):  # they state none
+        _, results = estimate(readings(track(0.02, 2.0)), params(method=method))
+        assert not any(results[-1].as_message()[7:])
 
 
 def test_nothing_is_believed_before_every_sensor_has_spoken():

@@ -157,11 +157,12 @@ class RealtimeMode:
         self.node.simulator_at(self.now_ns()).advance(None, TICK_STEPS)
         scheduling.freeze_garbage()
         self.node.get_logger().info('holding the car at its start until a command answers it')
+        self.publish_run_start()  # an estimator knows it before the first messages of the sensors
         self.timer = ros.steady_timer(self.node, HOLD_S, self.on_hold)
 
     def on_hold(self):
         """Publish the state at the start with the present time."""
-        if not self.node.is_active:  # a call that was already queued
+        if self.stepper or not self.node.is_active:  # a call that was already queued
             return
         now_ns = self.now_ns()
         self.hold.record(now_ns)
@@ -192,6 +193,7 @@ class RealtimeMode:
             return
         self.stepper, self.monitor = stepper, health.HealthMonitor(stepper)
         self.publish_run_start()
+        self.node.publish_sensors(car.now)  # an estimator begins anew
         self.node.send_health(self.monitor.health(now_ns))
         self.node.destroy_timer(self.timer)
         self.timer = ros.steady_timer(self.node, STEP_NS / 1e9, self.on_step)
@@ -214,9 +216,13 @@ class RealtimeMode:
             self.end()
 
     def end(self):
-        """Withdraw the odometry before shutdown: a controller that still had it would brake."""
+        """Withdraw the odometry before shutdown: a controller that still had it would brake.
+
+        The sensors, too: their estimator withdraws its odometry then.
+        """
         self.node.destroy_timer(self.timer)
-        self.node.destroy_lifecycle_publisher(self.node.odometry_pub.publisher)
+        for pub in (self.node.odometry_pub, *self.node.sensor_pubs.values()):
+            self.node.destroy_lifecycle_publisher(pub.publisher)
         # the executor has to release the publisher first, which it does while it spins
         code = self.stepper.outcome.exit_code
         self.timer = ros.steady_timer(

@@ -123,7 +123,10 @@ class PlantNode(ManagedNode):
             (f'a publisher of {COMMAND}', not self.command_sub.get_publisher_count()),
         )
         missing = [what for what, is_missing in checks if is_missing]
-        return missing + ros.missing_subscriptions(self, {'/vehicle/odometry': 1})
+        # a controller, or an estimator before it
+        ways = [['/vehicle/odometry'], *([self.sensor_pubs] if self.sensor_pubs else ())]
+        unheard = [ros.missing_subscriptions(self, dict.fromkeys(way, 1)) for way in ways]
+        return missing + min(unheard, key=len)
 
     def simulator_at(self, stamp_ns: int) -> Simulator:
         """Return the car at its start at a stamp; its sensors begin there."""
@@ -165,9 +168,13 @@ class PlantNode(ManagedNode):
         for imu, wheels in zip(slow.imu(), slow.wheels()):
             self.imu_pub.publish(imu)
             self.wheels_pub.publish(wheels)
+        self.publish_sensors(trajectory)
+        self.frames.publish(trajectory)
+
+    def publish_sensors(self, trajectory):
+        """Publish what the sensors, if there are any, measure during a trajectory."""
         for topic, value in self.sensors.measure(trajectory) if self.sensors else ():
             self.sensor_pubs[topic].publish(value)
-        self.frames.publish(trajectory)
 
     def publish_health(self, stepper, monitor, trajectory):
         """Publish health once a second and at the end of the run; log how the run ended."""

@@ -118,10 +118,11 @@ class Sensors:
         p, states = self._p, trajectory.state_columns()
         for i, ns in enumerate(trajectory.stamp_ns.tolist()):
             arrived = [*self._receive(ns, [column[i] for column in states[1:]])]
-            if ns % (p.chassis.period_ms * MS) == 0:
+            begins = ns == self._start_ns  # with a message of each sensor
+            if begins or ns % (p.chassis.period_ms * MS) == 0:
                 steer = trajectory.column('servos.steer.position')[i]
                 arrived.append(self._chassis(ns, steer, teeth[i], edges_ns[i]))
-            if ns % (p.imu.period_ms * MS) == 0:
+            if begins or ns % (p.imu.period_ms * MS) == 0:
                 arrived.append(self._imu(ns, trajectory, i))
             readings += arrived
         self._last_ns, self._newest = ns, arrived

@@ -122,7 +122,7 @@ def build_columns(topic: BagTopic, payloads: list[bytes], zero_ns: int) -> Colum
     for name, numbers in table.items():
         if name == YAW:
             table[name] = quaternions_to_headings(*numbers.T)
-        elif numbers.shape[1] == 1:
+        elif numbers.shape[1] <= 2:
             table[name] = numbers[:, 0]
     return Columns(stamp_ns, (stamp_ns - zero_ns) / NS_PER_S, **table)
 

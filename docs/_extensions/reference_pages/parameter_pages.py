@@ -15,6 +15,7 @@ from node_runtime.parameter_docs import GroupDoc
 from reference_pages.markdown import code, table, text
 from scenario_publisher.perceived_objects import ConverterParams
 from scenario_publisher.scenario import NodeParams as ScenarioParams
+from state_estimator.parameters import EstimatorParams
 from vehicle_plant.circular_driving import CircleParams
 from vehicle_plant.parameters import EXTRAS
 from vehicle_plant.parameters import NodeParams as PlantParams
@@ -57,6 +58,14 @@ KINDS = (
         PlantParams,
         'vehicle_plant',
         'bmw_545i.yaml',
+    ),
+    Kind(
+        'parameters_estimator',
+        'Parameters of the estimator',
+        'Of `estimator_node`. In `experiments run`: `--set estimator.NAME=VALUE`.',
+        EstimatorParams,
+        'state_estimator',
+        'estimator.yaml',
     ),
     Kind(
         'parameters_tyre',

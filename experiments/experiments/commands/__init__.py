@@ -111,9 +111,8 @@ def add_sensors(parser: argparse.ArgumentParser) -> None:
         default=argparse.SUPPRESS,
         metavar='GRADE',
         help=f'the car measures: {", ".join(GRADES)}, or a file as those in vehicle_plant/config; '
-        'the same as --set plant.sensors=FILE (default: no sensors). In process the '
-        'controller gets the estimate; `experiments run` records the measurements and feeds it '
-        'the true state',
+        'the same as --set plant.sensors=FILE (default: no sensors). The controller then gets the '
+        'estimate in place of the true state',
     )
 
 

@@ -13,19 +13,23 @@ import yaml
 
 from bags.errors import BagError
 from bags.storage.message_filing import RecorderParams
+from experiments import estimation
 from experiments.configuration import node_config
-from experiments.configuration.node_config import LoadedFacts, Node
+from experiments.configuration.node_config import Controller, LoadedFacts, Node
 from mpcc_controller import car_file
 from mpcc_controller.parameters import CarParams, ControllerParams
 from node_runtime import node_parameters, parameters
 from scenario_publisher import scenario
 from scenario_publisher.scenario import NodeParams as ScenarioParams
 from scenario_publisher.scenario import Scenario
+from state_estimator.parameters import EstimatorParams
 from vehicle_plant import parameters as plant_parameters
 from vehicle_plant.car import actuator_limits
 from vehicle_plant.parameters import NodeParams, PlantParams, StopParams
 
-CONTROLLER = 'controller'  # role
+CONTROLLER, ESTIMATOR = 'controller', 'estimator'  # roles
+# where a controller has its state from in a ring with an estimator
+ESTIMATED = 'vehicle/odometry:=estimator/odometry'
 KPH = 3.6  # km/h per m/s
 # parameter class of each role, and the loader of the file that the parameters name
 LOADERS = {
@@ -33,6 +37,7 @@ LOADERS = {
     'scenario': (ScenarioParams, None),
     'controller': (ControllerParams, car_file.load),
     'plant': (NodeParams, plant_parameters.plant_params),
+    ESTIMATOR: (EstimatorParams, None),
 }
 # parameters that the plant declares besides those of its class
 PLANT_EXTRAS = {
@@ -95,6 +100,47 @@ def change_scenario(
     return scenario.parse(yaml.safe_dump(document), source)
 
 
+def build_nodes(
+    scn: Scenario,
+    source: str,
+    controller: Controller,
+    mode: str,
+    bag: Path,
+    run_info: Path,
+    overrides: Mapping[str, Mapping[str, Any]],
+    origins: Mapping[str, Mapping[str, str]] = node_config.NO_OVERRIDES,
+    **options: Any,
+) -> list[Node]:
+    """Return the nodes of a run as `node_config.build_nodes`; of a car with sensors the estimator.
+
+    It comes before the plant, and the controller has its state from it. Raises BagError, also for a
+    parameter of an estimator that there is not.
+    """
+    nodes = node_config.build_nodes(
+        scn, source, controller, mode, bag, run_info, overrides, origins, **options
+    )
+    given = overrides.get(ESTIMATOR, {})
+    places = {node.role: i for i, node in enumerate(nodes)}
+    plant = nodes[places['plant']]
+    if node_config.all_values(plant).get('sensors') is None:
+        for name in given:
+            # what a file gives to every node may be there
+            if name not in node_parameters.MANAGED and not name.startswith(node_parameters.OF_ROS):
+                raise BagError(f'estimator.{name} has no effect without plant.sensors')
+        return nodes
+    (params, own), (node, car) = _load(nodes[places[CONTROLLER]]), _load(plant)
+    known = estimation.known_values(
+        plant_parameters.load_sensors(node), params.model.friction, estimation.vehicle(own, car.car)
+    )
+    common = {name: plant.parameters[name] for name in ('mode', 'recorders')}
+    values = {**common, **known, 'yaw_rad': scn.start.psi, **given}
+    sources = {name: f'--set {ESTIMATOR}.{name}' for name in given} | {**origins.get(ESTIMATOR, {})}
+    package, _ = node_config.DEFAULTS[ESTIMATOR]
+    nodes[places[CONTROLLER]] = nodes[places[CONTROLLER]]._replace(remappings=(ESTIMATED,))
+    estimator = Node(ESTIMATOR, package, 'estimator_node', (), values, sources)
+    return [*nodes[: places['plant']], estimator, *nodes[places['plant'] :]]
+
+
 def build_mpcc_nodes(
     road: str, mode: str, folder: Path, overrides: Mapping[str, Mapping[str, Any]]
 ) -> list[Node]:
@@ -105,7 +151,7 @@ def build_mpcc_nodes(
     run_info = folder / node_config.RUN_INFO_FILE
     run_info.write_text('{}')
     mpcc, bag = node_config.find_controller('mpcc'), folder / node_config.BAG_FOLDER
-    return node_config.build_nodes(load_scenario(road), road, mpcc, mode, bag, run_info, overrides)
+    return build_nodes(load_scenario(road), road, mpcc, mode, bag, run_info, overrides)
 
 
 def controller_params(name_or_path: str) -> ControllerParams:

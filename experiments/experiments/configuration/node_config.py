@@ -26,7 +26,7 @@ from vehicle_plant.parameters import StopParams
 
 PYTHON = '.py'  # suffix of a program
 NO_OVERRIDES: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
-ROLES = ('recorder', 'scenario', 'controller', 'plant')
+ROLES = ('recorder', 'scenario', 'controller', 'plant', 'estimator')
 # package and file of the defaults that each node loads by itself, by role
 DEFAULTS = {
     'recorder': ('bags', 'recorder.yaml'),
@@ -96,6 +96,7 @@ class Node(NamedTuple):
     parameters: dict[str, Any]  # dotted; they win over the files
     origins: Mapping[str, str] = NO_SOURCES  # the source of some `parameters`, for errors
     program: tuple[str, ...] = ()  # what is started in place of the executable
+    remappings: tuple[str, ...] = ()  # of topics, FROM:=TO
 
 
 def find_controller(name_or_path: str, programs: bool = False) -> Controller:
@@ -286,7 +287,7 @@ def build_nodes(
 
 def build_markers_node(nodes: Sequence[Node]) -> Node:
     """Return the node that draws the run for 3D viewers, with the car and safety distances."""
-    values = {node.role: _all_values(node) for node in nodes}
+    values = {node.role: all_values(node) for node in nodes}
     plant, controller = values['plant'], values['controller']
     outline = outline_of(plant)
     radius_m, offsets_m = circles_of(controller, outline)
@@ -311,7 +312,7 @@ def collect_parameters(
     """
     recorded = {}
     for node in nodes:
-        values = {**file_values.get(node.role, {}), **_all_values(node)}
+        values = {**file_values.get(node.role, {}), **all_values(node)}
         if node.program:
             judged_by = JUDGED_BY[node.role]
             values = {name: value for name, value in values.items() if judged_by.fullmatch(name)}
@@ -351,7 +352,8 @@ def write_run_info(
     path.write_text(json.dumps(run_info, indent=2))
 
 
-def _all_values(node):
+def all_values(node: Node) -> dict[str, Any]:
+    """Return every parameter of a node by dotted name: defaults, files, then settings."""
     values = given_parameters(node)
     if node.role in DEFAULTS:
         values = parameters.read_file(defaults_file(node)).values | values
@@ -401,4 +403,5 @@ def write_parameter_file(node: Node, folder: Path) -> Path:
 def ros_arguments(node: Node, parameter_file: Path) -> list[str]:
     """Return the command line arguments of a node; `parameter_file` wins over its other files."""
     files = (*node.files, parameter_file)
-    return ['--ros-args', *(part for file in files for part in ('--params-file', str(file)))]
+    given = [part for file in files for part in ('--params-file', str(file))]
+    return ['--ros-args', *given, *(part for rule in node.remappings for part in ('-r', rule))]

@@ -17,7 +17,7 @@ from node_runtime.parameter_docs import GroupDoc, ParameterDoc
 from vehicle_plant import parameters as plant_parameters
 
 CAR_FILE, EVERY_NODE = 'car_file', 'NODE'
-FIRST = ('controller', 'plant', 'scenario', 'recorder')
+FIRST = ('controller', 'plant', 'estimator', 'scenario', 'recorder')
 HOW = {
     **{role: f'experiments run SCENARIO --set {role}.<name>=<value>' for role in FIRST},
     CAR_FILE: 'in the file that controller.car_file names; identify writes it',

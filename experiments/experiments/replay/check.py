@@ -14,10 +14,11 @@ from rich.table import Table
 
 from bags.errors import BagError
 from bags.storage import read
-from experiments.replay import recorded_ticks, replayed_controller
+from experiments.replay import recorded_ticks, replayed_controller, replayed_estimator
 from experiments.replay.recorded_ticks import Tick
 from experiments.replay.replayed_controller import ReplayedController
-from msgs_yaml.types import Command, Prediction, Why
+from msgs_yaml import conversions
+from msgs_yaml.types import Command, EstimatedState, Prediction, Why
 
 COMMAND_TOLERANCE = 1e-6  # rad, rad/s, N
 VALUE_TOLERANCE = 1e-6  # of max(1, |recorded|), for all other numbers
@@ -35,7 +36,7 @@ MAX_FIELDS = 12  # shown of the first differing tick
 class Pair(NamedTuple):
     """One field of a tick, recorded and replayed."""
 
-    field: str  # command.delta, cost.con, prediction.X
+    field: str  # command.delta, cost.con, prediction.X, estimate.vy
     recorded: float | int | str | bool
     replayed: float | int | str | bool
     tolerance: float
@@ -91,14 +92,22 @@ def check(bag: read.Bag, settings: Mapping[str, Any]) -> Report:
     """Replay a recording through today's controller with the parameters of the run, and compare.
 
     `settings` change parameters by dotted name. Every tick starts from the recorded state and
-    set-points; its warm start is the plan of the tick before in this replay. Raises BagError for a
-    bag that cannot be replayed.
+    set-points; its warm start is the plan of the tick before in this replay. An estimator is
+    replayed from the messages of the sensors, in lockstep. Raises BagError for a bag that cannot be
+    replayed.
     """
     name = str(bag.path)
     controller = replayed_controller.from_run_info(bag.run_info, settings, name)
     compared = compare_ticks(recorded_ticks.read_ticks(bag), controller)
     if all(tick.gap for tick in compared):
         raise BagError(f'{name}: no tick can be repeated: {compared[0].gap}')
+    estimates = replayed_estimator.estimates(bag)
+    compared = tuple(
+        answer._replace(pairs=(*answer.pairs, *pair_estimates(*estimates[answer.tick.stamp_ns])))
+        if answer.tick.stamp_ns in estimates
+        else answer
+        for answer in compared
+    )
     return Report(name, bag.run_info, compared)
 
 
@@ -152,6 +161,14 @@ def pair_predictions(recorded: Prediction, replayed: Prediction) -> Iterator[Pai
             yield Pair(f'prediction.{name}', *values, _tolerance(values[0]))
 
 
+def pair_estimates(recorded: EstimatedState, replayed: EstimatedState) -> Iterator[Pair]:
+    """Yield the numbers of two estimates, covariances among them; a turn of pi is none."""
+    for name, before, after in zip(recorded._fields[1:], recorded[1:], replayed[1:]):
+        if name == 'psi':
+            after = before + conversions.wrap_angle(after - before)
+        yield Pair(f'estimate.{name}', before, after, _tolerance(before))
+
+
 def _tolerance(value):
     return 0.0 if isinstance(value, str) else VALUE_TOLERANCE * max(1.0, abs(value))
 
@@ -159,8 +176,8 @@ def _tolerance(value):
 def largest_differences(report: Report) -> dict[str, tuple[float, int]]:
     """Return per group of fields the largest difference of repeatable ticks, and its tick.
 
-    The groups: command, cost, prediction, and the rest of the report. The last three differences
-    are relative to max(1, |recorded|); words count when they differ.
+    The groups: command, cost, prediction, and the rest, also of estimates. The last three
+    differences are relative to max(1, |recorded|); words count when they differ.
     """
     largest = dict.fromkeys(('command', 'cost', 'prediction', 'other'), (0.0, 0))
     for compared in report.ticks:

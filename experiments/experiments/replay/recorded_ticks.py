@@ -28,13 +28,14 @@ from msgs_yaml.decode import DecodeError
 NS_PER_MS = NS_PER_S // 1000
 MAX_MS = 60_000.0  # no part of a tick takes a minute: other programs may report anything
 STATE, WHY = '/vehicle/odometry', '/controller/why'
+BELIEVED = '/estimator/odometry'  # what the controller answers in place of it, where there is one
 COMMAND, PREDICTION = '/controller/command', '/controller/prediction'
 ACTUATORS, OBSTACLES = '/vehicle/actuators', '/scenario/obstacles'
 REFERENCE, EDGES = '/scenario/reference', '/scenario/road_edges'
 PREDICTIONS = '/scenario/predictions'
 NEEDED = (STATE, ACTUATORS, REFERENCE, EDGES, OBSTACLES, COMMAND, WHY)
 # joined with a tick by the stamp: an invalid message means that the controller had none
-JOINED = (STATE, ACTUATORS, OBSTACLES)
+JOINED = (STATE, BELIEVED, ACTUATORS, OBSTACLES)
 # words of /controller/why, see docs/safety.md
 TIME_LIMIT = 'time limit'
 STALE, STATE_STALE, HEARD = '_stale', 'state_stale', 'time.heard_ns'
@@ -182,6 +183,8 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
     for name in (PREDICTION, PREDICTIONS):
         with suppress(BagError):  # recordings without them can be repeated, too
             topics[name] = RecordedTopic(bag, name)
+    with suppress(BagError):
+        topics[STATE] = RecordedTopic(bag, BELIEVED)
     lockstep = bag.run_info.get('mode') == LOCKSTEP
     reports, ticks, last = topics[WHY], [], None
     for row, why in islice(_distinct_reports(reports), most):
@@ -206,6 +209,7 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
         if not _has_no_state(why):
             if lockstep or stamp_ns in topics[STATE].row_of:
                 state = topics[STATE].at_stamp(stamp_ns)
+                state = getattr(state, 'state', state)  # of an estimate
             else:
                 gaps.append('its state was lost')
         inputs = RecordedInputs(

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bags.storage.message_filing import CLOCK
-from experiments.configuration import node_config
+from experiments.configuration import inputs, node_config
 from experiments.configuration.node_config import Controller, LoadedFacts
 from experiments.progress import RunProgress
 from experiments.run import processes
@@ -95,7 +95,7 @@ def run_once(
         return RunOutcome(name, False, f'no folder for the run: {error}', None)
     try:
         run_info = staging.logs / node_config.RUN_INFO_FILE
-        nodes = node_config.build_nodes(
+        nodes = inputs.build_nodes(
             settings.scn,
             settings.source,
             controller,

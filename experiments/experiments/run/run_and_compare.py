@@ -180,7 +180,7 @@ def run_controllers(
     compiles_ahead = compiles and request.mode == 'lockstep' and compile_ahead.is_worth_while()
     checked = {}
     for controller in controllers:
-        nodes = node_config.build_nodes(
+        nodes = inputs.build_nodes(
             scn,
             given.scenario,
             controller,

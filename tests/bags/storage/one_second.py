@@ -70,7 +70,10 @@ def every_message():
             types.Gnss(ns, 2.0 * k, 0.5 * k, 20.0, 0.1) for k, ns in enumerate(steps[::50])
         ],
         '/estimator/odometry': [
-            types.VehicleState(ns, 0.2 * k, 0.01 * k, 0.003 * k, 20.0, 0.1, 1e-3 * k)
+            types.EstimatedState(
+                *(ns, 0.2 * k, 0.01 * k, 0.003 * k, 20.0, 0.1, 1e-3 * k),
+                *(1e-4 * (j + k) for j in range(12)),
+            )
             for k, ns in enumerate(steps[::10])
         ],
         '/controller/command': [

@@ -27,7 +27,7 @@ def test_the_nodes_get_what_the_scenario_says_and_all_of_it_is_recorded(build, r
     assert {node.parameters['mode'] for node in nodes.values()} == {'lockstep'}
     assert [node.parameters['recorders'] for node in nodes.values()] == [0, 1, 1, 1]
     noted = recorded(nodes)
-    assert list(noted) == list(node_config.ROLES)
+    assert [*noted, 'estimator'] == [*node_config.ROLES]
     for role, name in (
         ('controller', 'tyre.front_friction'),
         ('controller', 'priorities.obstacle'),
@@ -215,6 +215,7 @@ def test_sections_of_parameter_files_are_for_their_nodes_and_the_last_file_count
         'scenario': {'mode': 'realtime'},
         'controller': {'mode': 'realtime', 'tolerances.lag_m': 0.1},
         'plant': {'mode': 'realtime', 'friction': 0.5, 'start.speed_mps': 10.0},
+        'estimator': {'mode': 'realtime'},
     }
     assert sources['plant']['start.speed_mps'] == f'{file}:5'
     later = tmp_path / 'later.yaml'
@@ -245,3 +246,44 @@ def test_a_mistake_in_a_parameter_file_is_located(build, file, text, error):
         inputs.check_parameters(
             build(given=ros_parameter_file.read_files([str(file)], 'car1')).values()
         )
+
+
+def test_a_car_with_sensors_has_an_estimator_before_it_whose_odometry_the_controller_takes(
+    build, recorded, tmp_path
+):
+    sensors, chosen = 'plant.sensors=sensors_survey.yaml', 'estimator.misfit=50.0'
+    nodes = build(sensors, chosen)
+    assert [*nodes] == ['recorder', 'scenario', 'controller', 'estimator', 'plant']
+    assert nodes['controller'].remappings == ('vehicle/odometry:=estimator/odometry',)
+    assert not any(node.remappings for role, node in nodes.items() if role != 'controller')
+    written = node_config.write_parameter_file(nodes['controller'], tmp_path)
+    assert '-r vehicle/odometry:=' in ' '.join(
+        node_config.ros_arguments(nodes['controller'], written)
+    )
+    noted = recorded(nodes)['estimator']
+    assert (noted['mode'], noted['recorders'], noted['misfit']) == ('lockstep', 1, 50.0)
+    assert (noted['imu_s'], noted['position_drift_m'], noted['car.mass_kg']) == (0.005, 0.01, 1850)
+    # what the file says of the car is what follows from car and plant
+    file = parameters.read_file(node_config.defaults_file(nodes['estimator'])).values
+    derived = {name: value for name, value in noted.items() if name.startswith('car.')}
+    assert derived == pytest.approx({name: file[name] for name in derived}, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ('settings', 'error'),
+    [
+        (['estimator.misfit=50.0'], 'estimator.misfit has no effect without plant.sensors'),
+        (['estimator.misfit=0.0'], 'the estimator would not start: --set estimator.misfit: .*1 to'),
+        (['estimator.mist=1'], "estimator.mist: .* no such parameter; did you mean 'misfit'"),
+        (['plant.sensors={file}'], 'imu.period_ms is 4; allowed 1, 2, 5 or 10 ms'),
+    ],
+)
+def test_an_estimator_that_could_not_run_is_refused(build, tmp_path, settings, error):
+    file = tmp_path / 'sensors.yaml'
+    known = share.path('vehicle_plant', 'config', 'sensors_survey.yaml').read_text()
+    file.write_text(known.replace('period_ms: 5 ', 'period_ms: 4 '))
+    given = [setting.format(file=file) for setting in settings]
+    if 'without' not in error and 'file' not in settings[0]:
+        given.append('plant.sensors=sensors_survey.yaml')
+    with pytest.raises(BagError, match=error):
+        inputs.check_parameters(build(*given).values())

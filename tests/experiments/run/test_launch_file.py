@@ -98,7 +98,7 @@ def test_a_drive_by_launch_ends_well_and_can_be_compared(tmp_path, launched, dom
     assert launched(domain).wait(PATIENCE_S) == 0, output(tmp_path)
     bag = tmp_path / 'runs/straight/mpcc'
     noted = json.loads(read.load(bag).run_info['parameters'])
-    assert sorted(noted) == sorted(node_config.ROLES)
+    assert sorted([*noted, 'estimator']) == sorted(node_config.ROLES)
     assert noted['plant']['car.body.mass_kg'] > 0.0
     assert noted['controller']['model.friction'] == noted['plant']['friction']
     assert cli.main(['compare', str(bag)]) == 0, capsys.readouterr().err
