@@ -10,7 +10,6 @@ Keyboard         single keys of a terminal
 
 import os
 import select
-import struct
 import sys
 import termios
 import time
@@ -24,19 +23,18 @@ from threading import Thread
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from bags.errors import BagError, DamagedBagWarning
 from bags.storage import read
-from bags.storage.rosbag2_metadata import BagTopic, parse_qos, qos_text
-from msgs_yaml import share
+from bags.storage.rosbag2_metadata import DEPTH, BagTopic, parse_qos, qos_text
+from msgs_yaml import encode, share
+from msgs_yaml.contract import Qos
 from msgs_yaml.conversions import NS_PER_S
 from node_runtime import ros, spin_node
 from node_runtime.parameters import ParameterError, Range, Struct
 
-DEPTH = 10  # of a publisher whose history is not in the bag
+PLAIN = Qos('reliable', 'volatile', 'keep_last', DEPTH)  # of a topic whose QoS is not in the bag
 PAUSE, STEP, QUIT = ' ', 's', 'q'
 HELP = 'space: pause and resume, s: step, q: quit'
 NS_PER_MS = 1e6
@@ -45,12 +43,10 @@ CLOCK = BagTopic(
     type='rosgraph_msgs/msg/Clock',
     schema='',  # sent, never written
     type_hash='',
-    qos=qos_text('keep_last', 1, 'reliable', 'volatile'),
+    qos=qos_text(Qos('reliable', 'volatile', 'keep_last', 1)),
 )
-CLOCK_CDR = struct.Struct('<4siI')
 # of the nodes of the recording: sent again, they would be taken for those of the nodes that run
 OF_NODES = ('rcl_interfaces/msg/Log', 'lifecycle_msgs/msg/TransitionEvent')
-LITTLE_ENDIAN = b'\x00\x01\x00\x00'
 KEY_POLL_S = 0.1  # longest time until `Keyboard.close` is noticed
 
 
@@ -97,8 +93,7 @@ def build_playlist(
     for recorded, t in zip(selected, times):
         begin, end = np.searchsorted(t, [first_ns, last_ns + 1]).tolist()
         # a late subscriber gets the last message before the part
-        profiles = parse_qos(recorded.topic.qos)
-        is_latched = any(profile['durability'] == 'transient_local' for profile in profiles)
+        is_latched = any(q.durability == 'transient_local' for q in parse_qos(recorded.topic.qos))
         rows.append(np.arange(begin - (begin > 0 and is_latched), max(begin, end)))
     if not sum(map(len, rows)):
         raise BagError(f'{bag.path}: no message from {start_s:g} s on; nothing to play')
@@ -109,8 +104,8 @@ def build_playlist(
         # before everything else: of equal times it is sent first
         ticks = np.arange(0, last_ns - first_ns + 1, round(NS_PER_S / clock_hz))
         sent, due = [CLOCK, *sent], [ticks, *due]
-        clocks = (divmod(ns, NS_PER_S) for ns in (first_ns + ticks).tolist())
-        payloads = [*(CLOCK_CDR.pack(LITTLE_ENDIAN, *clock) for clock in clocks), *payloads]
+        clocks = map(encode.clock, (first_ns + ticks).tolist())
+        payloads = [*map(ros.serialize, clocks), *payloads]
     number = np.repeat(np.arange(len(due)), [len(d) for d in due])
     due = np.concatenate(due)
     order = np.argsort(due, kind='stable')
@@ -257,7 +252,8 @@ class PlayerNode(Node):
         except (ImportError, AttributeError):
             self.get_logger().warning(f'{topic.name}: {topic.type} is not installed; left out')
             return None
-        name, profile = ros.relative_name(topic.name), to_qos_profile(topic.qos)
+        (offered, *_) = [*parse_qos(topic.qos), PLAIN]
+        name, profile = ros.relative_name(topic.name), ros.to_qos_profile(offered)
         return ros.BlockingPublisher(self, self.create_publisher(kind, name, profile))
 
     def _play_guarded(self):
@@ -338,24 +334,6 @@ class PlayerNode(Node):
         self.keys.put(QUIT)
         self.thread.join()
         self.keyboard.close()
-
-
-def to_qos_profile(text: str) -> QoSProfile:
-    """Return the QoS profile of a publisher from its text in a bag: the first one offered.
-
-    The defaults are reliable, volatile, the last DEPTH messages.
-    """
-    (offered, *_) = [*parse_qos(text), {}]
-    depth = offered.get('depth')
-    profile = QoSProfile(
-        history=HistoryPolicy[(offered.get('history') or 'keep_last').upper()],
-        depth=depth if isinstance(depth, int) and depth > 0 else DEPTH,
-        reliability=ReliabilityPolicy[(offered.get('reliability') or 'reliable').upper()],
-        durability=DurabilityPolicy[(offered.get('durability') or 'volatile').upper()],
-    )
-    if offered.get('deadline_ns'):
-        profile.deadline = Duration(nanoseconds=offered['deadline_ns'])
-    return profile
 
 
 def main() -> int:

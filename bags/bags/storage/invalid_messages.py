@@ -22,7 +22,7 @@ from bags.storage.decoding import (
     group_by_layout,
     header_stamps_ns,
 )
-from bags.storage.read import LOCKSTEP, STATE, Bag, InvalidMessages, Recording
+from bags.storage.read import LOCKSTEP, STATE, Bag, InvalidMessages
 from bags.storage.rosbag2_metadata import BagTopic
 from msgs_yaml import conformance, contract
 from msgs_yaml.conversions import NS_PER_S
@@ -74,12 +74,7 @@ def drop_invalid(bag: Bag) -> Bag:
         if not valid.any():
             decoded[name] = [known[payloads[i]][0] for i in kept]
         if reasons:
-            columns_ = (recorded.log_ns, recorded.publish_ns, recorded.sequence)
-            recordings[name] = Recording(
-                recorded.topic,
-                *(column[kept] for column in columns_),
-                [payloads[i] for i in kept],
-            )
+            recordings[name] = recorded.rows(kept)
             first = min(reasons)
             invalid[name] = InvalidMessages(len(reasons), f'message {first}: {reasons[first]}')
     return bag._replace(recordings=recordings, decoded=decoded, invalid=invalid, filtered=True)

@@ -41,6 +41,11 @@ class Recording(NamedTuple):
     sequence: np.ndarray  # (n,) int64, the publisher's count, 0 where unknown
     payloads: list[bytes]  # CDR with its encapsulation header
 
+    def rows(self, kept: np.ndarray) -> 'Recording':
+        """Return the messages of these rows (m,)."""
+        columns = (column[kept] for column in self[1:4])
+        return Recording(self.topic, *columns, [self.payloads[row] for row in kept])
+
     def __repr__(self):
         return f'Recording({self.topic.name}, {len(self.payloads)} messages)'
 
@@ -123,7 +128,7 @@ def load(path: Path | str) -> Bag:
             np.concatenate([getattr(file, column)[rows] for _, file, rows in each])
             for column in ('log_ns', 'publish_ns', 'sequence')
         )
-        payloads = [data for _, file, rows in each for data in map(file.payloads.__getitem__, rows)]
+        payloads = [file.payloads[row] for _, file, rows in each for row in rows]
         recordings[name] = Recording(described[-1], *times, payloads)
     return Bag(bag_path, tuple(files), recordings, records, damage)
 

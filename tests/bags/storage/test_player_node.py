@@ -10,14 +10,9 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from one_second import of_contract
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 
 from bags import cli
-from bags.player_node import DEPTH, to_qos_profile
 from bags.storage import read
-from bags.storage.rosbag2_metadata import qos_text
-from msgs_yaml import contract
-from node_runtime import ros
 
 STATE = '/vehicle/odometry'
 
@@ -183,29 +178,3 @@ def test_command_becomes_the_player_with_every_option(monkeypatch):
         *('bag:="1.0"', 'rate:=2.0', 'start_s:=1.0', 'duration_s:=3.0', 'loop:=true'),
         *('topics:=["/a", "/b"]', 'clock_hz:=0.0', 'paused:=true', 'step_s:=0.1'),
     ]
-
-
-@pytest.mark.parametrize('mode', contract.MODES)
-def test_publishers_offer_what_was_recorded(mode):
-    for topic in contract.load().topics.values():
-        wanted = topic.qos[mode]
-        deadline_ns = None if wanted.deadline_ms is None else round(wanted.deadline_ms * 1e6)
-        text = qos_text(
-            wanted.history, wanted.depth, wanted.reliability, wanted.durability, deadline_ns
-        )
-        result, expected = to_qos_profile(text), ros.to_qos_profile(wanted)
-        for name in ('history', 'reliability', 'durability', 'deadline'):
-            assert getattr(result, name) == getattr(expected, name), topic.name
-        assert result.depth == expected.depth or wanted.history != 'keep_last'
-
-
-def test_qos_of_older_bags_is_understood_and_of_none_is_plain():
-    older = to_qos_profile('- history: 2\n  depth: 0\n  reliability: 2\n  durability: 1\n')
-    assert older.history == HistoryPolicy.KEEP_ALL
-    assert older.reliability == ReliabilityPolicy.BEST_EFFORT
-    assert older.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    for nothing in ('', '{broken', '[1, x]', 'text'):
-        plain = to_qos_profile(nothing)
-        assert (plain.history, plain.depth) == (HistoryPolicy.KEEP_LAST, DEPTH)
-        assert plain.reliability == ReliabilityPolicy.RELIABLE
-        assert plain.durability == DurabilityPolicy.VOLATILE
