@@ -16,9 +16,8 @@ import time
 import traceback
 import tty
 import warnings
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from importlib import import_module
-from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Annotated, NamedTuple
 
@@ -47,7 +46,6 @@ CLOCK = BagTopic(
 )
 # of the nodes of the recording: sent again, they would be taken for those of the nodes that run
 OF_NODES = ('rcl_interfaces/msg/Log', 'lifecycle_msgs/msg/TransitionEvent')
-KEY_POLL_S = 0.1  # longest time until `Keyboard.close` is noticed
 
 
 class Playlist(NamedTuple):
@@ -162,14 +160,15 @@ class PlaybackClock:
 
 
 class Keyboard:
-    """Calls `pressed(key)`, from a thread of its own, for every key until `close`.
+    """Reads single keys of the terminal, until `close` restores it.
 
-    Does nothing where standard input is no terminal, or that of a foreground program while this
-    one is in the background. Ctrl-C stays a signal. `close` restores the terminal.
+    There are none where standard input is no terminal, or that of a foreground program while this
+    one is in the background. Ctrl-C stays a signal.
     """
 
-    def __init__(self, pressed: Callable[[str], None]):
-        self._pressed, self._closing = pressed, False
+    def __init__(self):
+        pressed, self._presses = os.pipe()  # keys from `press`
+        self._inputs = [pressed]
         # a background process that changes the terminal is stopped by it
         try:
             terminal = sys.stdin.isatty() and os.tcgetpgrp(sys.stdin.fileno())
@@ -177,27 +176,26 @@ class Keyboard:
         except (OSError, ValueError, AttributeError):  # closed, or none at all
             self.attached = False
         if self.attached:
-            self._descriptor = sys.stdin.fileno()
-            self._before = termios.tcgetattr(self._descriptor)
-            tty.setcbreak(self._descriptor)
-            self._thread = Thread(target=self._read, daemon=True)
-            self._thread.start()
+            self._inputs.append(sys.stdin.fileno())
+            self._before = termios.tcgetattr(sys.stdin)
+            tty.setcbreak(sys.stdin)
 
-    def _read(self):
-        while not self._closing:
-            ready, _, _ = select.select([self._descriptor], [], [], KEY_POLL_S)
-            keys = os.read(self._descriptor, 1) if ready else b''
-            if ready and not keys:  # the terminal was closed
-                return
-            for key in keys.decode('ascii', 'ignore'):
-                self._pressed(key)
+    def next_key(self, wait_s: float | None) -> str:
+        """Return the next key, '' for none within `wait_s`; None waits without limit."""
+        ready, _, _ = select.select(self._inputs, [], [], wait_s)
+        keys = os.read(ready[-1], 1) if ready else b''
+        if ready and not keys:
+            self._inputs.remove(ready[-1])  # the terminal was closed
+        return keys.decode('ascii', 'ignore')
+
+    def press(self, key: str) -> None:
+        """Press a key from another thread."""
+        os.write(self._presses, key.encode())
 
     def close(self) -> None:
-        """Stop reading, restore the terminal."""
-        self._closing = True
+        """Restore the terminal."""
         if self.attached:
-            self._thread.join()
-            termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
+            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
 
 
 class PlayerParams(Struct):
@@ -237,8 +235,7 @@ class PlayerNode(Node):
         if self.bag.damage:
             self.get_logger().warning(self.bag.damage)
         self.topic_publishers = list(map(self._publisher, self.playlist.topics))
-        self.keys = SimpleQueue()
-        self.keyboard = Keyboard(self.keys.put)
+        self.keyboard = Keyboard()
         if self.params.paused and not self.keyboard.attached:
             raise ParameterError('paused: is true, but no keyboard is attached to resume')
         self.thread = Thread(target=self._play_guarded, daemon=True)
@@ -267,9 +264,9 @@ class PlayerNode(Node):
 
     def _play(self):
         while ros.missing_subscriptions(self, {}):  # of recorders
-            if self._pressed(0.01) == QUIT:
+            if self.keyboard.next_key(0.01) == QUIT:
                 return
-        if self._pressed(self.params.delay_s) == QUIT:
+        if self.keyboard.next_key(self.params.delay_s) == QUIT:
             return
         playlist, paused = self.playlist, self.params.paused
         self.get_logger().info(
@@ -307,31 +304,24 @@ class PlayerNode(Node):
         while True:
             wait_s = clock.wait_s(due_ns, time.monotonic_ns())
             is_due = wait_s is not None and wait_s <= 0.0
-            if is_due and self.keys.empty():
-                return True
-            key, now_ns = self._pressed(0.0 if is_due else wait_s), time.monotonic_ns()
+            key, now_ns = self.keyboard.next_key(0.0 if is_due else wait_s), time.monotonic_ns()
             if key == QUIT:
                 return False
             if key == PAUSE:
                 clock.toggle(now_ns)
             elif key == STEP:
                 clock.step(round(self.params.step_s * NS_PER_S), due_ns, now_ns)
+            elif is_due:
+                return True
             else:
                 continue
             state = 'paused' if clock.paused else 'resumed'
             self.get_logger().info(f'{state} at {clock.position_ns(now_ns) / NS_PER_S:.3f} s')
 
-    def _pressed(self, wait_s):
-        """Return the next key, '' for none within `wait_s`; None waits without limit."""
-        try:
-            return self.keys.get(timeout=wait_s)
-        except Empty:
-            return ''
-
     def close(self):
         """Stop publishing, restore the terminal."""
         self.finished = True  # do not wait for subscribers any more
-        self.keys.put(QUIT)
+        self.keyboard.press(QUIT)
         self.thread.join()
         self.keyboard.close()
 

@@ -124,7 +124,7 @@ def test_how_long_it_takes_to_a_position(rate, paused, events, due_s, at_s, wait
 def test_no_terminal_and_that_of_others_are_left_alone():
     leader, follower = os.openpty()
     before = termios.tcgetattr(follower)
-    code = 'from bags.player_node import Keyboard; print(Keyboard(print).attached)'
+    code = 'from bags.player_node import Keyboard; print(Keyboard().attached)'
     # a session of its own, but not this terminal's: a program in the background
     for options in ({'stdin': subprocess.DEVNULL}, {'stdin': follower, 'start_new_session': True}):
         words, given = [sys.executable, '-c', code], {'timeout': TIMEOUT_S, **options}

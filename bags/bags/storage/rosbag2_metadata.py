@@ -72,7 +72,7 @@ def parse_qos(text: str) -> list[Qos]:
     for profile in _profiles(text):
         if not isinstance(profile, dict):
             continue
-        said = {
+        words = {
             name: other if profile.get(name) in (other, number) else usual
             for name, (usual, other, number) in _WORDS.items()
         }
@@ -81,7 +81,7 @@ def parse_qos(text: str) -> list[Qos]:
         match profile.get('deadline'):
             case {'sec': int(sec), 'nsec': int(nsec)} if 0 < sec * NS_PER_S + nsec < INFINITE_NS:
                 deadline_ms = (sec * NS_PER_S + nsec) / 1e6
-        parsed.append(Qos(**said, depth=depth, deadline_ms=deadline_ms))
+        parsed.append(Qos(**words, depth=depth, deadline_ms=deadline_ms))
     return parsed
 
 

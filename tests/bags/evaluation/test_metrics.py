@@ -26,8 +26,8 @@ KEYS = """verdict completed finish_at_m collided collided_by left_road left_road
     min_v2e_per_edge_m min_outline_gap_m min_outline_gap_per_obstacle_m min_outline_v2e_m
     min_outline_v2e_per_edge_m finished stopped following wheel_off_road_m survived lost_by
     lane_excess_m dodge_m in_the_way_s min_time_gap_s
-    overshoots peak_overshoot_m peak_brake_mps2 peak_sideslip_deg
-    peak_sideslip_at_m min_speed_mps brake_onset_at_m brake_onset_hard_at_m
+    overshoots peak_overshoot_m peak_sideslip_deg
+    peak_sideslip_at_m min_speed_mps brake_onset_at_m peak_brake_mps2 brake_onset_hard_at_m
     planned_brake_onset_at_m planned_brake_onset_hard_at_m braking_s
     counter_steer_s peak_counter_steer_deg peak_lat_acc_mps2 held_lat_acc_mps2
     lateral_limit_use_plant rms_lat_jerk_mps3 peak_lat_acc_share

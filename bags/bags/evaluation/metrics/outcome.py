@@ -44,7 +44,7 @@ def verdict(run):
             below = f': below {least:g} m/s it only brakes' if least else ''
             end += f' (reason of the controller: {reason}{below})'
     # in the order in which they happened: causes before what they led to
-    events = sorted([*_losses(run), (row, end)], key=itemgetter(0))
+    events = sorted([*find_losses(run), (row, end)], key=itemgetter(0))
     parts = [text for _, text in events]
     if not run.value(collided):
         parts.append('no collision')
@@ -264,8 +264,11 @@ def edge_margins(run: EvaluatedDrive, body: np.ndarray) -> tuple[np.ndarray, dic
     return rows, margins
 
 
-def _losses(run):
-    """Return (row of the odometry, text) of a slide, of leaving the road, of each collision."""
+def find_losses(run: EvaluatedDrive) -> list[tuple[int, str]]:
+    """Return where the car slid, left the road and collided, in the order in which it happened.
+
+    Of each the row of the odometry when it began, and what happened, for a person.
+    """
     events = []
     if run.value(lost):
         at, sideslip = run.value(lost_at_m), _sideslip_deg(run)

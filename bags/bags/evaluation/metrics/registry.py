@@ -88,7 +88,6 @@ class Metric(NamedTuple):
     yes: str = 'yes'  # how a yes is shown; names of other metrics in braces are filled in
     until_spin: bool = False  # whether the value of a car that spun says nothing, and is not shown
     optional: bool = False  # no row where no run has a value
-    row_after: str = ''  # metric whose row is above this one; '' where that is the one before
     # of a dictionary, by key: what `{}` in the title stands for, and the value of the paper
     labels: Mapping[str, str] = MappingProxyType({})
     paper: Mapping[str, float] = MappingProxyType({})
@@ -109,11 +108,7 @@ METRICS: dict[str, Metric] = {}  # in the order in which they are defined
 
 def table_metrics() -> list[Metric]:
     """Return the metrics that have rows in the table, in the order of the rows."""
-    rows = [metric for metric in METRICS.values() if metric.title]
-    for moved in [metric for metric in rows if metric.row_after]:
-        rows.remove(moved)
-        rows.insert(rows.index(METRICS[moved.row_after]) + 1, moved)
-    return rows
+    return [metric for metric in METRICS.values() if metric.title]
 
 
 def metric(title: str = '', unit: str = '', decimals: int = 0, **shown: Any) -> Callable:
