@@ -89,17 +89,13 @@ def main(
 
 def _print_warnings_once():
     """Print a warning of ours as one line, and only once; others as Python formats them."""
-    seen, others = set(), warnings.formatwarning
+    others = warnings.formatwarning
 
     def text(message, category, *place):
-        if not issubclass(category, UserWarning):
-            return others(message, category, *place)
-        line = f'warning: {message}\n'
-        if line in seen:
-            return ''
-        seen.add(line)
-        return line
+        is_ours = issubclass(category, UserWarning)
+        return f'warning: {message}\n' if is_ours else others(message, category, *place)
 
+    warnings.simplefilter('once', UserWarning)
     warnings.formatwarning = text
 
 

@@ -38,23 +38,19 @@ class Column(NamedTuple):
 COMMON = {'stamp_ns': Column('ns', 'ROS time at which the message is valid')}
 PER_WHEEL = ', by wheel'
 STEER = 'road-wheel angle, positive to the left'
+STATE = {
+    'x_m': 'X of the centre of gravity in the frame map',
+    'y_m': 'Y of the centre of gravity in the frame map',
+    'yaw_rad': 'yaw in the frame map, in (-pi, pi]',
+    'vx_mps': 'longitudinal velocity at the centre of gravity, in base_link',
+    'vy_mps': 'lateral velocity at the centre of gravity, in base_link, positive to the left',
+    'yaw_rate_radps': 'yaw rate, positive to the left',
+}
 # of topics with a table; topics.yaml has their units
 TABLE_MEANINGS = {
-    '/vehicle/odometry': {
-        'x_m': 'X of the centre of gravity in the frame map',
-        'y_m': 'Y of the centre of gravity in the frame map',
-        'yaw_rad': 'yaw in the frame map, in (-pi, pi]',
-        'vx_mps': 'longitudinal velocity at the centre of gravity, in base_link',
-        'vy_mps': 'lateral velocity at the centre of gravity, in base_link, positive to the left',
-        'yaw_rate_radps': 'yaw rate, positive to the left',
-    },
+    '/vehicle/odometry': STATE,
     '/estimator/odometry': {
-        'x_m': 'estimated X of the centre of gravity in the frame map',
-        'y_m': 'estimated Y of the centre of gravity in the frame map',
-        'yaw_rad': 'estimated yaw in the frame map, in (-pi, pi]',
-        'vx_mps': 'estimated longitudinal velocity at the centre of gravity, in base_link',
-        'vy_mps': 'estimated lateral velocity, positive to the left',
-        'yaw_rate_radps': 'estimated yaw rate, positive to the left',
+        **{name: f'estimated {meaning}' for name, meaning in STATE.items()},
         'var_x_m2': 'variance of x_m',
         'cov_xy_m2': 'covariance of x_m and y_m',
         'cov_x_yaw_mrad': 'covariance of x_m and yaw_rad',

@@ -10,33 +10,30 @@ Keyboard         single keys of a terminal
 
 import os
 import select
-import struct
 import sys
 import termios
 import time
 import traceback
 import tty
 import warnings
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from importlib import import_module
-from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from bags.errors import BagError, DamagedBagWarning
 from bags.storage import read
-from bags.storage.rosbag2_metadata import BagTopic, parse_qos, qos_text
-from msgs_yaml import share
+from bags.storage.rosbag2_metadata import DEPTH, BagTopic, parse_qos, qos_text
+from msgs_yaml import encode, share
+from msgs_yaml.contract import Qos
 from msgs_yaml.conversions import NS_PER_S
 from node_runtime import ros, spin_node
 from node_runtime.parameters import ParameterError, Range, Struct
 
-DEPTH = 10  # of a publisher whose history is not in the bag
+PLAIN = Qos('reliable', 'volatile', 'keep_last', DEPTH)  # of a topic whose QoS is not in the bag
 PAUSE, STEP, QUIT = ' ', 's', 'q'
 HELP = 'space: pause and resume, s: step, q: quit'
 NS_PER_MS = 1e6
@@ -45,13 +42,10 @@ CLOCK = BagTopic(
     type='rosgraph_msgs/msg/Clock',
     schema='',  # sent, never written
     type_hash='',
-    qos=qos_text('keep_last', 1, 'reliable', 'volatile'),
+    qos=qos_text(Qos('reliable', 'volatile', 'keep_last', 1)),
 )
-CLOCK_CDR = struct.Struct('<4siI')
 # of the nodes of the recording: sent again, they would be taken for those of the nodes that run
 OF_NODES = ('rcl_interfaces/msg/Log', 'lifecycle_msgs/msg/TransitionEvent')
-LITTLE_ENDIAN = b'\x00\x01\x00\x00'
-KEY_POLL_S = 0.1  # longest time until `Keyboard.close` is noticed
 
 
 class Playlist(NamedTuple):
@@ -97,8 +91,7 @@ def build_playlist(
     for recorded, t in zip(selected, times):
         begin, end = np.searchsorted(t, [first_ns, last_ns + 1]).tolist()
         # a late subscriber gets the last message before the part
-        profiles = parse_qos(recorded.topic.qos)
-        is_latched = any(profile['durability'] == 'transient_local' for profile in profiles)
+        is_latched = any(q.durability == 'transient_local' for q in parse_qos(recorded.topic.qos))
         rows.append(np.arange(begin - (begin > 0 and is_latched), max(begin, end)))
     if not sum(map(len, rows)):
         raise BagError(f'{bag.path}: no message from {start_s:g} s on; nothing to play')
@@ -109,8 +102,8 @@ def build_playlist(
         # before everything else: of equal times it is sent first
         ticks = np.arange(0, last_ns - first_ns + 1, round(NS_PER_S / clock_hz))
         sent, due = [CLOCK, *sent], [ticks, *due]
-        clocks = (divmod(ns, NS_PER_S) for ns in (first_ns + ticks).tolist())
-        payloads = [*(CLOCK_CDR.pack(LITTLE_ENDIAN, *clock) for clock in clocks), *payloads]
+        clocks = map(encode.clock, (first_ns + ticks).tolist())
+        payloads = [*map(ros.serialize, clocks), *payloads]
     number = np.repeat(np.arange(len(due)), [len(d) for d in due])
     due = np.concatenate(due)
     order = np.argsort(due, kind='stable')
@@ -167,14 +160,15 @@ class PlaybackClock:
 
 
 class Keyboard:
-    """Calls `pressed(key)`, from a thread of its own, for every key until `close`.
+    """Reads single keys of the terminal, until `close` restores it.
 
-    Does nothing where standard input is no terminal, or that of a foreground program while this
-    one is in the background. Ctrl-C stays a signal. `close` restores the terminal.
+    There are none where standard input is no terminal, or that of a foreground program while this
+    one is in the background. Ctrl-C stays a signal.
     """
 
-    def __init__(self, pressed: Callable[[str], None]):
-        self._pressed, self._closing = pressed, False
+    def __init__(self):
+        pressed, self._presses = os.pipe()  # keys from `press`
+        self._inputs = [pressed]
         # a background process that changes the terminal is stopped by it
         try:
             terminal = sys.stdin.isatty() and os.tcgetpgrp(sys.stdin.fileno())
@@ -182,27 +176,26 @@ class Keyboard:
         except (OSError, ValueError, AttributeError):  # closed, or none at all
             self.attached = False
         if self.attached:
-            self._descriptor = sys.stdin.fileno()
-            self._before = termios.tcgetattr(self._descriptor)
-            tty.setcbreak(self._descriptor)
-            self._thread = Thread(target=self._read, daemon=True)
-            self._thread.start()
+            self._inputs.append(sys.stdin.fileno())
+            self._before = termios.tcgetattr(sys.stdin)
+            tty.setcbreak(sys.stdin)
 
-    def _read(self):
-        while not self._closing:
-            ready, _, _ = select.select([self._descriptor], [], [], KEY_POLL_S)
-            keys = os.read(self._descriptor, 1) if ready else b''
-            if ready and not keys:  # the terminal was closed
-                return
-            for key in keys.decode('ascii', 'ignore'):
-                self._pressed(key)
+    def next_key(self, wait_s: float | None) -> str:
+        """Return the next key, '' for none within `wait_s`; None waits without limit."""
+        ready, _, _ = select.select(self._inputs, [], [], wait_s)
+        keys = os.read(ready[-1], 1) if ready else b''
+        if ready and not keys:
+            self._inputs.remove(ready[-1])  # the terminal was closed
+        return keys.decode('ascii', 'ignore')
+
+    def press(self, key: str) -> None:
+        """Press a key from another thread."""
+        os.write(self._presses, key.encode())
 
     def close(self) -> None:
-        """Stop reading, restore the terminal."""
-        self._closing = True
+        """Restore the terminal."""
         if self.attached:
-            self._thread.join()
-            termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
+            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
 
 
 class PlayerParams(Struct):
@@ -242,8 +235,7 @@ class PlayerNode(Node):
         if self.bag.damage:
             self.get_logger().warning(self.bag.damage)
         self.topic_publishers = list(map(self._publisher, self.playlist.topics))
-        self.keys = SimpleQueue()
-        self.keyboard = Keyboard(self.keys.put)
+        self.keyboard = Keyboard()
         if self.params.paused and not self.keyboard.attached:
             raise ParameterError('paused: is true, but no keyboard is attached to resume')
         self.thread = Thread(target=self._play_guarded, daemon=True)
@@ -257,7 +249,8 @@ class PlayerNode(Node):
         except (ImportError, AttributeError):
             self.get_logger().warning(f'{topic.name}: {topic.type} is not installed; left out')
             return None
-        name, profile = ros.relative_name(topic.name), to_qos_profile(topic.qos)
+        (offered, *_) = [*parse_qos(topic.qos), PLAIN]
+        name, profile = ros.relative_name(topic.name), ros.to_qos_profile(offered)
         return ros.BlockingPublisher(self, self.create_publisher(kind, name, profile))
 
     def _play_guarded(self):
@@ -271,9 +264,9 @@ class PlayerNode(Node):
 
     def _play(self):
         while ros.missing_subscriptions(self, {}):  # of recorders
-            if self._pressed(0.01) == QUIT:
+            if self.keyboard.next_key(0.01) == QUIT:
                 return
-        if self._pressed(self.params.delay_s) == QUIT:
+        if self.keyboard.next_key(self.params.delay_s) == QUIT:
             return
         playlist, paused = self.playlist, self.params.paused
         self.get_logger().info(
@@ -311,51 +304,26 @@ class PlayerNode(Node):
         while True:
             wait_s = clock.wait_s(due_ns, time.monotonic_ns())
             is_due = wait_s is not None and wait_s <= 0.0
-            if is_due and self.keys.empty():
-                return True
-            key, now_ns = self._pressed(0.0 if is_due else wait_s), time.monotonic_ns()
+            key, now_ns = self.keyboard.next_key(0.0 if is_due else wait_s), time.monotonic_ns()
             if key == QUIT:
                 return False
             if key == PAUSE:
                 clock.toggle(now_ns)
             elif key == STEP:
                 clock.step(round(self.params.step_s * NS_PER_S), due_ns, now_ns)
+            elif is_due:
+                return True
             else:
                 continue
             state = 'paused' if clock.paused else 'resumed'
             self.get_logger().info(f'{state} at {clock.position_ns(now_ns) / NS_PER_S:.3f} s')
 
-    def _pressed(self, wait_s):
-        """Return the next key, '' for none within `wait_s`; None waits without limit."""
-        try:
-            return self.keys.get(timeout=wait_s)
-        except Empty:
-            return ''
-
     def close(self):
         """Stop publishing, restore the terminal."""
         self.finished = True  # do not wait for subscribers any more
-        self.keys.put(QUIT)
+        self.keyboard.press(QUIT)
         self.thread.join()
         self.keyboard.close()
-
-
-def to_qos_profile(text: str) -> QoSProfile:
-    """Return the QoS profile of a publisher from its text in a bag: the first one offered.
-
-    The defaults are reliable, volatile, the last DEPTH messages.
-    """
-    (offered, *_) = [*parse_qos(text), {}]
-    depth = offered.get('depth')
-    profile = QoSProfile(
-        history=HistoryPolicy[(offered.get('history') or 'keep_last').upper()],
-        depth=depth if isinstance(depth, int) and depth > 0 else DEPTH,
-        reliability=ReliabilityPolicy[(offered.get('reliability') or 'reliable').upper()],
-        durability=DurabilityPolicy[(offered.get('durability') or 'volatile').upper()],
-    )
-    if offered.get('deadline_ns'):
-        profile.deadline = Duration(nanoseconds=offered['deadline_ns'])
-    return profile
 
 
 def main() -> int:

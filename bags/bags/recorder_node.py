@@ -19,7 +19,7 @@ from pathlib import Path
 from rclpy.qos import HistoryPolicy
 
 from bags.errors import BagError
-from bags.storage.bag_writer import BagWriter, Split
+from bags.storage.bag_writer import BagWriter
 from bags.storage.message_filing import (
     CLOCK,
     LOCKSTEP,
@@ -87,10 +87,10 @@ class RecorderNode(ManagedNode):
         folder, numbers = params.out, count(2)
         while folder in self.folders and Path(folder).exists():
             folder = f'{params.out}_{next(numbers)}'
-        split = Split(round(params.split_mb * MB), round(params.split_s * NS_PER_S))
+        split = round(params.split_mb * MB), round(params.split_s * NS_PER_S)
         info = {**run_info(params.run_info, mode), NAMESPACE: self.get_namespace()}
         try:
-            self.bag = BagWriter(folder, topics, {'run': info}, split)
+            self.bag = BagWriter(folder, topics, {'run': info}, *split)
         except BagError as error:
             raise ParameterError(f'out: {error}') from error
         self.folders.add(folder)

@@ -23,14 +23,13 @@ from typing import TYPE_CHECKING, Any
 from bags import frames, metrics_table
 from bags.errors import BagError, DamagedBagWarning, InvalidMessagesWarning
 from bags.evaluation import metrics, signals
-from bags.evaluation.controller_log import ControllerLog, controller_log
 from bags.evaluation.drive import (
     REQUIRED_TOPICS,
     Drive,
     drive_from_columns,
     drop_nonfinite,
 )
-from bags.evaluation.metrics import METRICS, VERDICT
+from bags.evaluation.metrics import METRICS
 from bags.evaluation.metrics.registry import EvaluatedDrive, flatten
 from bags.storage import read
 from bags.storage.columns import Columns
@@ -59,7 +58,7 @@ class UnknownNameError(BagError, KeyError):
 def _known(name, values, key):
     """Return the value of a key of a name. Raises UnknownNameError, which has the whole name."""
     if key not in values:
-        raise UnknownNameError(f'no metric {name!r}{closest(name, [VERDICT, *values])}')
+        raise UnknownNameError(f'no metric {name!r}{closest(name, values)}')
     return values[key]
 
 
@@ -89,12 +88,10 @@ class MetricValues(Mapping[str, Any]):
 
     def unit(self, name: str) -> str:
         """Return the unit of a metric, '' of one without; KeyError for an unknown name."""
-        return '' if name == VERDICT else _metric(name).unit
+        return _metric(name).unit
 
     def meaning(self, name: str) -> str:
         """Return what a metric is, in one sentence or more; KeyError for an unknown name."""
-        if name == VERDICT:
-            return 'How the run ended, in words.'
         return _metric(name).meaning
 
     def flat(self) -> dict[str, Any]:
@@ -117,7 +114,7 @@ class MetricValues(Mapping[str, Any]):
         ]
         widths = [max(len(line[k]) for line in lines) for k in range(2)]
         rows = (f'{title:<{widths[0]}}  {unit:<{widths[1]}}  {v}' for title, unit, v in lines)
-        return '\n'.join((self._values[VERDICT], *rows))
+        return '\n'.join((self._values['verdict'], *rows))
 
 
 class Run(EvaluatedDrive):
@@ -199,11 +196,6 @@ class Run(EvaluatedDrive):
         return drop_nonfinite(drive_from_columns(self.tables, self.run_info, self.source))
 
     @cached_property
-    def log(self) -> ControllerLog:
-        """What the controller published about its ticks; parts that it did not are empty."""
-        return controller_log(self.tables, self.run_info)
-
-    @cached_property
     def metrics(self) -> MetricValues:
         """The metrics by name, as in comparison.json. Raises BagError as `drive`."""
         return MetricValues(metrics.metrics_of(self))
@@ -265,7 +257,7 @@ class Run(EvaluatedDrive):
     def __repr__(self) -> str:
         """Return one short line: label, scenario, duration, and the outcome where it is known."""
         try:
-            outcome = self.metrics[VERDICT]
+            outcome = self.metrics['verdict']
         except BagError:
             outcome = f'{len(self.topics)} topics'
         where = self.scenario or self.source

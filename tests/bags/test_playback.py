@@ -12,12 +12,13 @@ from bags.player_node import PlaybackClock, build_playlist
 from bags.storage import read
 from bags.storage.bag_writer import BagWriter
 from bags.storage.rosbag2_metadata import BagTopic, qos_text
+from msgs_yaml.contract import Qos
 
 MS, S = 1_000_000, 1_000_000_000
 START_NS = 5_000_000_000
 BEGIN_NS = 77 * S
-LATCHED = qos_text('keep_last', 1, 'reliable', 'transient_local')
-PLAIN = qos_text('keep_last', 5, 'best_effort', 'volatile')
+LATCHED = qos_text(Qos('reliable', 'transient_local', 'keep_last', 1))
+PLAIN = qos_text(Qos('best_effort', 'volatile', 'keep_last', 5))
 TIMEOUT_S = 30
 
 
@@ -123,7 +124,7 @@ def test_how_long_it_takes_to_a_position(rate, paused, events, due_s, at_s, wait
 def test_no_terminal_and_that_of_others_are_left_alone():
     leader, follower = os.openpty()
     before = termios.tcgetattr(follower)
-    code = 'from bags.player_node import Keyboard; print(Keyboard(print).attached)'
+    code = 'from bags.player_node import Keyboard; print(Keyboard().attached)'
     # a session of its own, but not this terminal's: a program in the background
     for options in ({'stdin': subprocess.DEVNULL}, {'stdin': follower, 'start_new_session': True}):
         words, given = [sys.executable, '-c', code], {'timeout': TIMEOUT_S, **options}

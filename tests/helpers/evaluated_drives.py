@@ -11,7 +11,7 @@ def evaluate_runs(drives):
     return panels.assign({name: EvaluatedDrive(drive) for name, drive in drives.items()})
 
 
-def compare_drives(drives, out, *faults):
+def compare_drives(drives, out):
     """Evaluate drives by name and write the results into the folder `out`."""
     finite = {name: drop_nonfinite(drive) for name, drive in drives.items()}
-    return compare_runs(evaluate_runs(finite), out, *faults)
+    return compare_runs(evaluate_runs(finite), out)

@@ -117,9 +117,13 @@ def count_ticks(bag: read.Bag) -> dict[str, int]:
     late = 0
     if run_mode(bag) != LOCKSTEP:
         late = int(np.count_nonzero(command_latency(bag)[1] * NS_PER_S > period_ns))
-    counts = {'count': count, 'unanswered': count - answered, 'late': late}
-    counts['blind'] = int(np.count_nonzero(~answers))
-    return counts | {'missed': counts['unanswered'] + late}
+    return {
+        'count': count,
+        'missed': count - answered + late,
+        'unanswered': count - answered,
+        'late': late,
+        'blind': int(np.count_nonzero(~answers)),
+    }
 
 
 def timing_report(bag: read.Bag) -> dict[str, Any]:
@@ -186,20 +190,16 @@ def summarize_bag(bag: read.Bag) -> dict[str, Any]:
         known = quantiles(MS_PER_S * command_latency(valid)[1])
         if known:
             summary['latency_ms'] = {name: known[name] for name in ('p50', 'p99', 'max')}
-        counts = count_ticks(valid)
-        names = ('count', 'missed', 'unanswered', 'late', 'blind')
-        summary['ticks'] = {name: counts[name] for name in names}
-    if read.has_messages(valid, WHY):
-        whys, last_ns = controller_reports(valid), None
-        if read.has_messages(valid, STATE):
-            last_ns = int(stamps_ns(valid, STATE).max())
-        reports = [why.values for why in whys]
-        fell_back = [report for report in reports if report.get('rung') not in FRESH_PLAN]
-        on_last = [why.values.get('reason') for why in whys if why.stamp_ns == last_ns]
-        on_last = sum(reason != STATE_STALE for reason in on_last)
-        summary['rungs'] = dict(Counter(str(report.get('rung')) for report in reports))
-        summary['fallbacks'] = dict(Counter(str(report.get('reason')) for report in fell_back))
-        summary['reports'] = {'count': len(reports), 'on_last_state': on_last}
+        summary['ticks'] = count_ticks(valid)
+    if whys := controller_reports(valid):
+        rungs = [(why.values.get('rung'), why.values.get('reason')) for why in whys]
+        last_ns = stamps_ns(valid, STATE).max() if read.has_messages(valid, STATE) else None
+        on_last = [r for why, (_, r) in zip(whys, rungs) if why.stamp_ns == last_ns]
+        fell_back = (reason for rung, reason in rungs if rung not in FRESH_PLAN)
+        summary['rungs'] = dict(Counter(str(rung) for rung, _ in rungs))
+        summary['fallbacks'] = dict(Counter(map(str, fell_back)))
+        count = sum(reason != STATE_STALE for reason in on_last)
+        summary['reports'] = {'count': len(whys), 'on_last_state': count}
     return {**summary, 'run': bag.run_info}
 
 

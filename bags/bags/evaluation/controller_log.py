@@ -1,16 +1,14 @@
 """What the controller published about its ticks: numbers of /controller/why, plans, answers."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from bags.storage.columns import Columns
-from msgs_yaml.types import Prediction, Why
+from msgs_yaml.types import Why
 
 PREDICTION, WHY = '/controller/prediction', '/controller/why'
-REPORTED = ('friction.front', 'friction.rear', 'time.solve_ms')
 CHOSEN = 'candidates.chosen'
 STATE_STALE = 'state_stale'  # the reason of a command that answers no state
 
@@ -25,33 +23,6 @@ class CandidateLine(NamedTuple):
     is_clean: bool  # touches nothing and stays on the road
 
 
-class ControllerLog(NamedTuple):
-    """The data of one run that the report shows beyond the drive."""
-
-    run_info: Mapping[str, str]  # metadata record of the run
-    predictions: Sequence[Prediction]  # one per tick
-    report_ns: np.ndarray  # (n,) stamps of the controller's reports
-    numbers: Mapping[str, np.ndarray]  # (n,) of REPORTED; not-a-number where one is missing
-    candidates: Sequence[Sequence[CandidateLine]] = ()  # of each report
-
-    def __repr__(self):
-        return f'ControllerLog({len(self.report_ns)} reports, {len(self.predictions)} plans)'
-
-
-EMPTY_LOG = ControllerLog({}, (), np.empty(0, dtype=np.int64), {})
-
-
-def controller_log(tables: Mapping[str, Columns], run_info: Mapping[str, str]) -> ControllerLog:
-    """Return the log in the tables of a run by topic; parts whose topic is missing are empty."""
-    predictions = tables[PREDICTION].values if PREDICTION in tables else ()
-    if WHY not in tables:
-        return EMPTY_LOG._replace(run_info=run_info, predictions=predictions)
-    reports = [why.values for why in tables[WHY].values]
-    numbers = {name: report_numbers(reports, name) for name in REPORTED}
-    compared = [candidate_lines(values) for values in reports]
-    return ControllerLog(run_info, predictions, tables[WHY].stamp_ns, numbers, compared)
-
-
 def candidate_lines(why: Mapping[str, float | str]) -> list[CandidateLine]:
     """Return the plans of one tick that have a line; none where a tick compared nothing."""
     lines = []
@@ -60,12 +31,8 @@ def candidate_lines(why: Mapping[str, float | str]) -> list[CandidateLine]:
         text = why.get(f'{key}.line')
         if isinstance(text, str):
             points = np.array([pair.split(',') for pair in text.split()], float)
-            clean = why.get(f'{key}.clean') == 1
-            lines.append(
-                CandidateLine(
-                    number, str(why[f'{key}.name']), points, why.get(CHOSEN) == number, clean
-                )
-            )
+            chosen, clean = why.get(CHOSEN) == number, why.get(f'{key}.clean') == 1
+            lines.append(CandidateLine(number, str(why[f'{key}.name']), points, chosen, clean))
     return lines
 
 
@@ -75,9 +42,9 @@ def report_number(report: Mapping[str, float | str], key: str) -> float:
     return float(value) if isinstance(value, (int, float)) else math.nan
 
 
-def report_numbers(reports: Iterable[Mapping[str, float | str]], key: str) -> np.ndarray:
-    """Return the number (n,) of each report."""
-    return np.array([report_number(report, key) for report in reports], dtype=float)
+def report_numbers(reports: Iterable[Why], key: str) -> np.ndarray:
+    """Return the number (n,) of each report; not-a-number where one has none."""
+    return np.array([report_number(why.values, key) for why in reports], dtype=float)
 
 
 def is_answer(command_ns: np.ndarray, reports: Iterable[Why]) -> np.ndarray:

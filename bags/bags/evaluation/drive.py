@@ -157,21 +157,21 @@ def drive_from_columns(
     reference, edges, obstacles, state = (columns[topic] for topic in REQUIRED_TOPICS)
     actuators, imu = (columns.get(topic) for topic in MEASURED_TOPICS)
     accelerations, inputs, answered = NO_ACCELERATIONS, NO_INPUTS, EMPTY_NS
+    reports = why.values if why else ()
     if imu:
         accelerations = Accelerations(imu.stamp_ns, imu.ax_mps2, imu.ay_mps2)
     if actuators:
         force = actuators.front_x_n + actuators.rear_x_n
         inputs = Inputs(actuators.stamp_ns, actuators.steer_rad, force)
     if command:
-        answered = command.stamp_ns[is_answer(command.stamp_ns, why.values if why else ())]
-    reports = [value.values for value in why.values] if why else []
-    rungs = [report.get('rung') for report in reports]
+        answered = command.stamp_ns[is_answer(command.stamp_ns, reports)]
+    rungs = [report.values.get('rung') for report in reports]
     ticks = Ticks(
         answered,
         report_numbers(reports, 'time.solve_ms'),
         report_numbers(reports, 'time.solve_cpu_ms'),
         np.array([rung not in FRESH_PLAN for rung in rungs], dtype=bool),
-        '' if not rungs or rungs[-1] in FRESH_PLAN else str(reports[-1].get('reason', '')),
+        '' if not rungs or rungs[-1] in FRESH_PLAN else str(reports[-1].values.get('reason', '')),
         why.stamp_ns if why else EMPTY_NS,
         np.array([rung == CONVERGED_PLAN for rung in rungs], dtype=bool),
     )

@@ -39,24 +39,20 @@ def compute_series(drive: Drive) -> Series:
     motion, scene, facts = drive.motion, drive.scene, drive.facts
     points = np.column_stack([motion.x, motion.y])
     projection = geometry.project_drive(points, scene.reference, SEARCH_M)
-    positions = [
-        obstacle_position(obstacle, scene, motion.stamp_ns) for obstacle in scene.obstacles
-    ]
-    crowd = list(zip(scene.obstacles, positions))
-
-    def by_id(gaps):
-        """Return the least of the gaps (n,) to the discs of each obstacle."""
-        least = {}
-        for obstacle, gap in zip(scene.obstacles, gaps):
-            least[obstacle.id] = np.fmin(least.get(obstacle.id, gap), gap)
-        return least
-
     circles = circle_centres(motion, facts.circles)
 
     def nearest(gaps):
         """Return the smallest distance (n,) over the car's circles; `gaps` are of their centres."""
         return np.min(gaps, axis=0) - facts.vehicle_radius
 
+    # of an obstacle of several discs the nearest counts
+    pose, v2o, outline_gaps = (motion.x, motion.y, motion.yaw), {}, {}
+    for o in scene.obstacles:
+        x, y = obstacle_position(o, scene, motion.stamp_ns)
+        away = nearest([np.hypot(*(at - np.column_stack([x, y])).T) - o.radius for at in circles])
+        gap = geometry.gap_to_circle(*pose, facts.outline, x, y, o.radius)
+        v2o[o.id] = np.fmin(v2o.get(o.id, away), away)
+        outline_gaps[o.id] = np.fmin(outline_gaps.get(o.id, gap), gap)
     speed = np.hypot(motion.vx, motion.vy)
     sideslip = np.arctan2(motion.vy, motion.vx)
     return Series(
@@ -66,22 +62,12 @@ def compute_series(drive: Drive) -> Series:
         speed=speed,
         sideslip=np.where(speed > SIDESLIP_FROM, sideslip, np.nan),
         # D_V2O of the paper (eq. 3), and D_V2E (eq. 4) with the sign of the road's side
-        v2o=by_id(
-            nearest(
-                [np.hypot(*(at - np.column_stack(place)).T) - obstacle.radius for at in circles]
-            )
-            for obstacle, place in crowd
-        ),
+        v2o=v2o,
         v2e={
             side: nearest([inside * geometry.distance_to_polyline(at, edge) for at in circles])
             for side, inside, edge in (('left', -1.0, scene.left), ('right', 1.0, scene.right))
         },
-        outline_gaps=by_id(
-            geometry.gap_to_circle(
-                motion.x, motion.y, motion.yaw, facts.outline, x, y, obstacle.radius
-            )
-            for obstacle, (x, y) in crowd
-        ),
+        outline_gaps=outline_gaps,
     )
 
 

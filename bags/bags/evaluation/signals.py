@@ -165,8 +165,7 @@ def model_friction_use(run):
         return None
     why = run.tables[WHY]
     last = np.searchsorted(why.stamp_ns, run.stamp_ns, side='right') - 1
-    reports = [report.values for report in why.values]
-    use = {axle: report_numbers(reports, f'friction.{axle}') for axle in AXLES}
+    use = {axle: report_numbers(why.values, f'friction.{axle}') for axle in AXLES}
     return {axle: np.where(last < 0, np.nan, values[last]) for axle, values in use.items()}
 
 

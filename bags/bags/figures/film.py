@@ -23,6 +23,7 @@ from PIL import Image
 
 from bags.errors import BagError
 from bags.evaluation import geometry
+from bags.evaluation.controller_log import PREDICTION
 from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.evaluation.signals import friction_use
 from bags.figures import scene, style
@@ -102,8 +103,8 @@ def check(out: Path, options: FilmOptions) -> None:
 def write_film(runs: Sequence[EvaluatedDrive], out: Path, options: FilmOptions) -> int:
     """Write the film of runs as GIF or MP4, by the name of the file; return how many frames it has.
 
-    A run whose log is empty shows no plan. Raises BagError for what `check` refuses, and for a time
-    span without a frame.
+    A run without predictions shows no plan. Raises BagError for what `check` refuses, and for a
+    time span without a frame.
     """
     check(out, options)
     times, frame_ms = frame_times(runs, options), _frame_ms(options)
@@ -322,7 +323,7 @@ def _points_along(line, distance):
 
 def window(runs: Sequence[EvaluatedDrive]) -> float:
     """Return how many metres along the road the camera shows: the longest plan is seen whole."""
-    plans = [plan for run in runs for plan in run.log.predictions if len(plan.X)]
+    plans = [plan for run in runs for plan in run.sent(PREDICTION) if len(plan.X)]
     reach = [np.hypot(plan.X - plan.X[0], plan.Y - plan.Y[0]).max() for plan in plans]
     return max(WINDOW_M, max(reach, default=0.0) / (1 - BEHIND))
 

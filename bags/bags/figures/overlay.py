@@ -85,7 +85,7 @@ def _overlay(file, look, scene):
     columns = _read(file)
     axes = {name: columns[name] for name in AXES if name in columns}
     signals = {}
-    for name in columns.keys() - axes.keys():
+    for name in [name for name in columns if name not in axes]:
         signal, factor = SIGNALS[name]
         if signal in signals:
             raise BagError(f'{file}: two columns of {signal}, one of them {name}')

@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 
+from bags.evaluation.metrics.driving import GRAVITY
 from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.figures import style
 
@@ -21,7 +22,6 @@ LEAST_SHARE = 0.15  # of the width; in a narrower gap nothing is enlarged
 FILL = 0.72  # of a gap, the rest is for the labels left of it
 TICKS_M = (0.0, 0.5, 1.0)
 BOTTOM, HEIGHT = 0.44, 0.46  # of the panel
-GRAVITY = 9.81  # m/s^2
 EVERY = 10  # of the 1 kHz samples one in this many is drawn
 FAR_M = 5.0  # distances beyond this are safe, and not drawn
 # of a vertical axis, by signal: noise is not to fill it, and 0.1 m/s not to look like braking

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bags.evaluation import geometry
+from bags.evaluation.controller_log import PREDICTION
 from bags.evaluation.geometry import Outline, transform_to_map
 from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.evaluation.series import obstacle_position
@@ -125,7 +126,7 @@ def shapes_at(run: EvaluatedDrive, t: float) -> list[Shape]:
     step = float(np.median(np.diff(run.series.t))) if len(run.series.t) > 1 else TRAIL_S
     past = np.searchsorted(motion.stamp_ns, now_ns, side='right')
     driven = slice(0, past, max(1, round(TRAIL_S / step)))
-    plans = [plan for plan in run.log.predictions if plan.stamp_ns <= now_ns]
+    plans = [plan for plan in run.sent(PREDICTION) if plan.stamp_ns <= now_ns]
     plan = np.empty((0, 2))
     if plans:
         plan = np.column_stack([plans[-1].X, plans[-1].Y])[::STAGE_EVERY]

@@ -53,19 +53,11 @@ def check_comparable(paths: Sequence[Path | str], infos: Sequence[Mapping[str, s
 def describe_plants(info: Mapping[str, str], other: Mapping[str, str]) -> str:
     """Return the first physical parameters of the plant that differ, with both values, or ''."""
     plants = [node_parameters(each).get('plant', {}) for each in (info, other)]
-    rows = {
-        name: [plant.get(name) for plant in plants] for name in sorted({*plants[0], *plants[1]})
-    }
-    differing = [
-        n for n, (ours, theirs) in rows.items() if n not in NOT_PHYSICAL and ours != theirs
-    ]
-    listed = [
-        f'{name} '
-        + ' and '.join('unknown' if value is None else json.dumps(value) for value in rows[name])
-        for name in differing[:LISTED]
-    ]
-    more = [f'and {len(differing) - LISTED} more'] if len(differing) > LISTED else []
-    return ', '.join(listed + more)
+    rows = [row for row in sorted(_rows(plants)) if row.differs and row.name not in NOT_PHYSICAL]
+    listed = [f'{row.name} {" and ".join(row.values)}' for row in rows[:LISTED]]
+    if len(rows) > LISTED:
+        listed.append(f'and {len(rows) - LISTED} more')
+    return ', '.join(listed).replace(ABSENT, 'unknown')
 
 
 def node_parameters(info: Mapping[str, str]) -> dict[str, dict]:

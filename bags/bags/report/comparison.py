@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +22,6 @@ from bags.storage.invalid_messages import KEY, describe_invalid
 
 FILE = 'comparison.json'
 FIGURES = 'figures'
-NO_FAULTS: Mapping[str, Mapping[str, Any]] = {}
 
 
 class Comparison(NamedTuple):
@@ -50,26 +49,16 @@ def compare_bags(
     for one that is given twice, and for runs of different scenarios or plants (`force` compares
     them anyway, on the road of the first).
     """
-    loaded = [load_quietly(path) for path in paths]
+    runs = load_runs(paths)
     if not force:
-        check_comparable(paths, [run.run_info for run in loaded])
-    runs = _named(paths, loaded)
-    faults = {
-        'damage': {name: run.damage for name, run in runs.items() if run.damage},
-        KEY: {name: run.invalid[KEY] for name, run in runs.items() if run.invalid},
-    }
-    overlays = ()
-    if overlay_files:
-        overlays = read_overlays(overlay_files, list(runs), loaded[0].drive.scene)
-    return compare_runs(panels.assign(runs), out, faults, overlays)
+        check_comparable(paths, [run.run_info for run in runs.values()])
+    drawn = panels.assign(runs)
+    return compare_runs(drawn, out, read_overlays(overlay_files, list(runs), drawn[0].drive.scene))
 
 
 def load_runs(paths: Sequence[Path | str]) -> dict[str, Run]:
     """Return the runs of bags by their names (`name_runs`). Raises BagError."""
-    return _named(paths, list(map(load_quietly, paths)))
-
-
-def _named(paths, runs):
+    runs = [load_quietly(path) for path in paths]
     return dict(zip(name_runs(paths, [run.drive.facts.controller for run in runs]), runs))
 
 
@@ -93,16 +82,11 @@ def name_runs(paths: Sequence[Path | str], recorded: Sequence[str]) -> list[str]
 
 
 def compare_runs(
-    runs: Sequence[EvaluatedDrive],
-    out: Path,
-    faults: Mapping[str, Mapping[str, Any]] = NO_FAULTS,
-    overlays: Sequence[Overlay] = (),
+    runs: Sequence[EvaluatedDrive], out: Path, overlays: Sequence[Overlay] = ()
 ) -> Comparison:
     """Write the results of runs that have names and looks (`panels.assign`) into the folder `out`.
 
-    `faults` of the bags by run: `damage`, the position of the first one, and `invalid_messages`,
-    those that were left out. Of a run whose log is empty the report shows neither horizon nor
-    provenance.
+    Of a run without tables and `run_info` the report shows neither horizon nor provenance.
     """
     scenario = runs[0].drive.facts.scenario
     by_run = {run.name: metrics.metrics_of(run) for run in runs}
@@ -110,7 +94,11 @@ def compare_runs(
     values |= metrics_table.drives_of_paper(run.drive for run in runs)
     if overlays:
         values['overlays'] = {laid.name: [*laid.axes, *laid.signals] for laid in overlays}
-    values |= {kind: dict(by_name) for kind, by_name in faults.items() if by_name}
+    faults = {
+        'damage': {run.name: run.damage for run in runs if run.damage},
+        KEY: {run.name: run.invalid[KEY] for run in runs if run.invalid},
+    }
+    values |= {kind: by_name for kind, by_name in faults.items() if by_name}
     file, table_file, folder = out / FILE, out / metrics_table.CSV_FILE, out / FIGURES
     folder.mkdir(parents=True, exist_ok=True)
     try:

@@ -34,7 +34,7 @@ def report_html(
 
     `values` are those of comparison.json; the runs have names and looks.
     """
-    infos = [run.log.run_info for run in runs]
+    infos = [run.run_info for run in runs]
     with_paper = values.get(metrics_table.OF_PAPER, False)
     view = page_figures.build_top_view(runs, overlays)
     duration = float(view['obstacles']['t'][-1])

@@ -19,6 +19,7 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
+from bags.evaluation.controller_log import PREDICTION, WHY, candidate_lines, report_numbers
 from bags.evaluation.drive import Facts
 from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.figures import comparison_figures, scene, style
@@ -111,7 +112,11 @@ def _edge(side):
 
 
 def _reported(name):
-    return lambda run: (run.log.report_ns, run.log.numbers[name]) if run.log.numbers else None
+    def line(run):
+        why = run.tables.get(WHY)
+        return why and (why.stamp_ns, report_numbers(why.values, name))
+
+    return line
 
 
 def _friction(axle):
@@ -290,12 +295,13 @@ def car_frames(run: EvaluatedDrive, t: np.ndarray) -> dict[str, Any]:
     return {**_float32(t=t, **shown), **facts.outline._asdict(), **body, **end}
 
 
-def _rows(run, stamp_ns, lines, every=1):
-    """Return lines of points as rows of equal length, with not-a-number behind each."""
+def _rows(run, sent, lines, every=1):
+    """Return a line of points per message as rows of equal length, with not-a-number behind."""
     padded = np.full((len(lines), max(map(len, lines), default=0), 2), np.nan)
     for row, points in zip(padded, lines):
         row[: len(points)] = points
-    return _float32(t=_since(run, stamp_ns), x=padded[:, ::every, 0], y=padded[:, ::every, 1])
+    t = _since(run, np.array([message.stamp_ns for message in sent]))
+    return _float32(t=t, x=padded[:, ::every, 0], y=padded[:, ::every, 1])
 
 
 def build_top_view(
@@ -374,18 +380,17 @@ def _moving(plot, run, t):
 
     Of the plans that were compared those that were not chosen, with gaps between them.
     """
-    plans = [np.column_stack([plan.X, plan.Y]) for plan in run.log.predictions]
-    plan_ns = np.array([plan.stamp_ns for plan in run.log.predictions])
-    gap = np.full((1, 2), np.nan)
-    others = [
-        np.concatenate([gap, *(part for c in lines if not c.is_chosen for part in (c.points, gap))])
-        for lines in run.log.candidates
-    ]
+    plans, reports, gap = run.sent(PREDICTION), run.sent(WHY), np.full((1, 2), np.nan)
+    others = []
+    for why in reports:
+        lines = [line.points for line in candidate_lines(why.values) if not line.is_chosen]
+        others.append(np.concatenate([gap, *(part for line in lines for part in (line, gap))]))
+    points = [np.column_stack([plan.X, plan.Y]) for plan in plans]
     data = {
         'name': run.name,
         'car': car_frames(run, t),
-        'plan': _rows(run, plan_ns, plans, scene.STAGE_EVERY),
-        'others': _rows(run, run.log.report_ns[: len(others)], others),
+        'plan': _rows(run, plans, points, scene.STAGE_EVERY),
+        'others': _rows(run, reports, others),
     }
     names = ('horizon', 'body', 'candidates', 'pole', 'circles', 'flag')
     more = {'circles': {'width': []}, 'flag': {'text': []}}

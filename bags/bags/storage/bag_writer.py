@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
 
 from mcap.writer import CompressionType, Writer
 
@@ -146,16 +145,6 @@ METADATA = 'metadata.yaml'
 INFORMATION = 'rosbag2_bagfile_information'  # its only key; the record in a file lacks it
 
 
-class Split(NamedTuple):
-    """When a bag continues in another file; 0: never."""
-
-    bytes: int = 0  # on the disk, without one chunk and the summary
-    duration_ns: int = 0  # of log time
-
-
-NO_SPLIT = Split()
-
-
 def mcap_name(folder: Path, number: int = 0) -> str:
     """Return the name of an MCAP file that rosbag2 expects in `folder`."""
     return f'{folder.name}_{number}.mcap'
@@ -176,8 +165,10 @@ def write_metadata(folder: Path, information: dict):
 class BagWriter:
     """Writes one bag into a folder that must not exist yet.
 
-    `records` are MCAP metadata records {name: {key: text}}; each file begins with them. Raises
-    BagError when the folder exists or cannot be created, and when the disk fails.
+    `records` are MCAP metadata records {name: {key: text}}; each file begins with them. The bag
+    continues in another file when one has `split_bytes` on the disk, without one chunk and the
+    summary, or holds `split_ns` of log time; 0: never. Raises BagError when the folder exists or
+    cannot be created, and when the disk fails.
     """
 
     def __init__(
@@ -185,7 +176,8 @@ class BagWriter:
         folder: Path | str,
         topics: Sequence[BagTopic],
         records: Mapping[str, Mapping[str, str]],
-        split: Split = NO_SPLIT,
+        split_bytes: int = 0,
+        split_ns: int = 0,
     ):
         self.folder = Path(folder).absolute()
         try:
@@ -197,7 +189,7 @@ class BagWriter:
         except OSError as error:
             raise BagError(f'{self.folder}: cannot be created: {error.strerror}') from error
         self.topics = tuple(topics)
-        self._records, self._split = records, split
+        self._records, self._split_bytes, self._split_ns = records, split_bytes, split_ns
         self._closed: list[FileFacts] = []
         self._file = self._next_file()
 
@@ -208,15 +200,13 @@ class BagWriter:
     def write(self, topic: int, log_ns: int, publish_ns: int, data: bytes, sequence: int = 0):
         """Append a message to the topic of this index; CDR with its encapsulation header.
 
-        `sequence` is the publisher's count, 0 where unknown. Continues in another file as
-        `split` demands.
+        `sequence` is the publisher's count, 0 where unknown.
         """
-        file, split = self._file, self._split
-        if file.first_ns is not None and (
-            (split.bytes and file.size >= split.bytes)
-            or (split.duration_ns and log_ns - file.first_ns >= split.duration_ns)
+        began_ns = self._file.first_ns
+        if began_ns is not None and (
+            0 < self._split_bytes <= self._file.size or 0 < self._split_ns <= log_ns - began_ns
         ):
-            self._closed.append(file.close({}))
+            self._closed.append(self._file.close({}))
             self._file = self._next_file()
         self._file.write(topic, log_ns, publish_ns, data, sequence)
 

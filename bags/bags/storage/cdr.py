@@ -10,13 +10,9 @@ from collections import namedtuple
 from functools import lru_cache
 
 from bags.errors import BagError
-from bags.storage.message_definitions import parse_definition
+from bags.storage.message_definitions import CODES, parse_definition
 
 HEADER = 4  # bytes of encapsulation; alignment counts from its end
-CODES = {
-    'bool': '?', 'byte': 'B', 'char': 'B', 'int8': 'b', 'uint8': 'B', 'int16': 'h', 'uint16': 'H',
-    'int32': 'i', 'uint32': 'I', 'int64': 'q', 'uint64': 'Q', 'float32': 'f', 'float64': 'd',
-}  # fmt: skip
 ORDERS = {b'\x00\x00': '>', b'\x00\x01': '<'}
 
 

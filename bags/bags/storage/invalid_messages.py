@@ -13,6 +13,7 @@ import numpy as np
 
 from bags.errors import BagError
 from bags.storage import columns
+from bags.storage.cdr import Layout
 from bags.storage.decoding import (
     DECODE_ERRORS,
     DECODERS,
@@ -22,15 +23,15 @@ from bags.storage.decoding import (
     group_by_layout,
     header_stamps_ns,
 )
-from bags.storage.read import LOCKSTEP, STATE, Bag, InvalidMessages, Recording
+from bags.storage.read import LOCKSTEP, STATE, Bag, InvalidMessages
 from bags.storage.rosbag2_metadata import BagTopic
-from msgs_yaml import conformance, contract
+from msgs_yaml import conformance, contract, flat_fields
+from msgs_yaml.contract import JOINT_ARRAYS
 from msgs_yaml.conversions import NS_PER_S
 
 KEY = 'invalid_messages'  # in JSON
 OBSTACLES = '/scenario/obstacles'
 OBJECTS = f'objects of {OBSTACLES}'
-JOINT_ARRAYS = ('position', 'velocity', 'effort')
 VEHICLE_TOPICS = ('/vehicle/odometry', '/vehicle/actuators', '/vehicle/imu', '/vehicle/wheels')
 # How much the delay from stamp to log time may differ from the median: a plant that was stopped
 # for minutes sends what it missed, and no other clock is as near by chance.
@@ -74,12 +75,7 @@ def drop_invalid(bag: Bag) -> Bag:
         if not valid.any():
             decoded[name] = [known[payloads[i]][0] for i in kept]
         if reasons:
-            columns_ = (recorded.log_ns, recorded.publish_ns, recorded.sequence)
-            recordings[name] = Recording(
-                recorded.topic,
-                *(column[kept] for column in columns_),
-                [payloads[i] for i in kept],
-            )
+            recordings[name] = recorded.rows(kept)
             first = min(reasons)
             invalid[name] = InvalidMessages(len(reasons), f'message {first}: {reasons[first]}')
     return bag._replace(recordings=recordings, decoded=decoded, invalid=invalid, filtered=True)
@@ -114,21 +110,13 @@ def obeys_contract(topic: BagTopic, payloads: list[bytes]) -> np.ndarray:
     obeys = np.zeros(len(payloads), dtype=bool)
     if topic.name not in columns.TOPICS:
         return obeys
-    known = contract.load().topics[topic.name]
+    known, fields = contract.load().topics[topic.name], flat_fields.load(topic.name)
+    example = fields.fill(fields.to_value(0, [0.0] * len(fields.paths)))
     try:
+        wanted = Layout(example, topic.schema, topic.type)
         for rows, bytes_, layout in group_by_layout(payloads, topic.schema, topic.type):
             # frames, joint names and array lengths are those of the contract
-            texts, joints = dict(layout.strings), len(known.joints)
-            fixed = {f'name[{i}]': joint for i, joint in enumerate(known.joints)}
-            fixed |= {'header.frame_id': known.frame}
-            if known.child_frame is not None:
-                fixed['child_frame_id'] = known.child_frame
-            has_form = all(texts.pop(path, None) == text for path, text in fixed.items())
-            has_form &= not any(path.startswith('name[') for path in texts)
-            for array in JOINT_ARRAYS if joints else ():
-                length = sum(path.startswith(f'{array}[') for path in layout.numbers)
-                has_form &= length == joints
-            if not has_form:
+            if (layout.strings, layout.numbers) != (wanted.strings, wanted.numbers):
                 continue
             sec, nanosec = (
                 column(bytes_, layout, f'{STAMP}.{part}') for part in ('sec', 'nanosec')
@@ -137,7 +125,7 @@ def obeys_contract(topic: BagTopic, payloads: list[bytes]) -> np.ndarray:
             numbers = {path: column(bytes_, layout, path) for path in known.fields}
             valid &= conformance.obeys(known.name, numbers)
             # a JointState's unused entries, too, must be finite
-            for path in layout.numbers if joints else ():
+            for path in layout.numbers if known.joints else ():
                 if path.startswith(JOINT_ARRAYS):
                     valid &= np.isfinite(column(bytes_, layout, path))
             obeys[rows] = valid

@@ -13,12 +13,12 @@ from typing import NamedTuple
 from bags.errors import BagError
 from msgs_yaml import share
 
-PRIMITIVES = frozenset(
-    (
-        *('bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring'),
-        *('int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32', 'int64', 'uint64'),
-    )
-)
+# of numbers, for `struct`
+CODES = {
+    'bool': '?', 'byte': 'B', 'char': 'B', 'int8': 'b', 'uint8': 'B', 'int16': 'h', 'uint16': 'H',
+    'int32': 'i', 'uint32': 'I', 'int64': 'q', 'uint64': 'Q', 'float32': 'f', 'float64': 'd',
+}  # fmt: skip
+PRIMITIVES = {*CODES, 'string', 'wstring'}
 SEPARATOR = '=' * 80
 FIELD = re.compile(
     r'(?P<base>[\w/]+)(?:<=\d+)?'

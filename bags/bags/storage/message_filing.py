@@ -176,15 +176,8 @@ def bag_topics(contract: Contract, mode: str) -> list[BagTopic]:
 
 def bag_topic(topic: Topic, mode: str) -> BagTopic:
     """Return a topic as a bag describes it; FileNotFoundError where its type is not installed."""
-    qos = topic.qos[mode]
-    deadline_ns = None if qos.deadline_ms is None else round(qos.deadline_ms * 1e6)
-    return BagTopic(
-        topic.name,
-        topic.type,
-        schema_text(topic.type),
-        type_hash(topic.type),
-        qos_text(qos.history, qos.depth, qos.reliability, qos.durability, deadline_ns),
-    )
+    kind = topic.type
+    return BagTopic(topic.name, kind, schema_text(kind), type_hash(kind), qos_text(topic.qos[mode]))
 
 
 class ClockError(BagError):

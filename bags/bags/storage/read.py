@@ -41,6 +41,11 @@ class Recording(NamedTuple):
     sequence: np.ndarray  # (n,) int64, the publisher's count, 0 where unknown
     payloads: list[bytes]  # CDR with its encapsulation header
 
+    def rows(self, kept: np.ndarray) -> 'Recording':
+        """Return the messages of these rows (m,)."""
+        columns = (column[kept] for column in self[1:4])
+        return Recording(self.topic, *columns, [self.payloads[row] for row in kept])
+
     def __repr__(self):
         return f'Recording({self.topic.name}, {len(self.payloads)} messages)'
 
@@ -104,27 +109,24 @@ def load(path: Path | str) -> Bag:
         raise BagError(f'{bag_path}: the bag holds no message')
     if damage:
         warnings.warn(damage, DamagedBagWarning, stacklevel=2)
-    records = {}
+    # each topic as it was described last, and of each message the number of its topic
+    records, topics, which = {}, {}, []
     for file in contents:
         records = file.records | records
-    # by topic: the descriptions in each file, the file, and its rows
-    parts: dict[str, list[tuple]] = {}
-    for file in contents:
-        for name in dict.fromkeys(topic.name for topic in file.topics.values()):
-            numbers = [number for number, topic in file.topics.items() if topic.name == name]
-            rows = np.flatnonzero(np.isin(file.channel, numbers))
-            parts.setdefault(name, []).append(([file.topics[n] for n in numbers], file, rows))
+        for topic in file.topics.values():
+            if topics.get(topic.name, topic).type != topic.type:
+                raise BagError(f'{bag_path}: {topic.name} has messages of two types')
+            topics[topic.name] = topic
+        numbers = {channel: [*topics].index(topic.name) for channel, topic in file.topics.items()}
+        which += map(numbers.get, file.channel.tolist())
+    names = ('log_ns', 'publish_ns', 'sequence')
+    times = [np.concatenate([getattr(file, name) for file in contents]) for name in names]
+    payloads = [data for file in contents for data in file.payloads]
     recordings = {}
-    for name, each in parts.items():
-        described = [topic for topics, _, _ in each for topic in topics]
-        if len({topic.type for topic in described}) > 1:
-            raise BagError(f'{bag_path}: {name} has messages of two types')
-        times = (
-            np.concatenate([getattr(file, column)[rows] for _, file, rows in each])
-            for column in ('log_ns', 'publish_ns', 'sequence')
-        )
-        payloads = [data for _, file, rows in each for data in map(file.payloads.__getitem__, rows)]
-        recordings[name] = Recording(described[-1], *times, payloads)
+    for number, (name, topic) in enumerate(topics.items()):
+        rows = np.flatnonzero(np.equal(which, number))
+        kept = (column[rows] for column in times)
+        recordings[name] = Recording(topic, *kept, [payloads[row] for row in rows])
     return Bag(bag_path, tuple(files), recordings, records, damage)
 
 

@@ -6,8 +6,10 @@ from typing import NamedTuple
 
 import yaml
 
+from msgs_yaml.contract import Qos
 from msgs_yaml.conversions import NS_PER_S
 
+DEPTH = 10  # messages kept by a publisher whose history is not in the bag
 INFINITE = {'sec': 9223372036, 'nsec': 854775807}
 # of PyYAML for an invalid text, also for a tag that does not fit its value
 YAML_ERRORS = (yaml.YAMLError, ValueError, LookupError, AttributeError, RecursionError)
@@ -33,61 +35,54 @@ class FileFacts(NamedTuple):
     counts: Counter[str]  # messages per topic
 
 
-def qos_text(history, depth, reliability, durability, deadline_ns=None) -> str:
-    """Return one offered QoS profile as rosbag2 writes it: a YAML list with one entry.
-
-    `history` is keep_last or keep_all, `depth` its length, `deadline_ns` None without a deadline.
-    """
+def qos_text(qos: Qos) -> str:
+    """Return one offered QoS profile as rosbag2 writes it: a YAML list with one entry."""
     deadline = INFINITE
-    if deadline_ns is not None:
-        deadline = dict(zip(('sec', 'nsec'), divmod(deadline_ns, NS_PER_S)))
-    return dump(
-        [
-            {
-                'history': history,
-                'depth': depth,
-                'reliability': reliability,
-                'durability': durability,
-                'deadline': deadline,
-                'lifespan': INFINITE,
-                'liveliness': 'automatic',
-                'liveliness_lease_duration': INFINITE,
-                'avoid_ros_namespace_conventions': False,
-            }
-        ]
-    )
+    if qos.deadline_ms is not None:
+        deadline = dict(zip(('sec', 'nsec'), divmod(round(qos.deadline_ms * 1e6), NS_PER_S)))
+    profile = {
+        'history': qos.history,
+        'depth': qos.depth,
+        'reliability': qos.reliability,
+        'durability': qos.durability,
+        'deadline': deadline,
+        'lifespan': INFINITE,
+        'liveliness': 'automatic',
+        'liveliness_lease_duration': INFINITE,
+        'avoid_ros_namespace_conventions': False,
+    }
+    return dump([profile])
 
 
-# rmw/types.h gives them these numbers, which older bags have; else whatever the middleware takes
+# of each policy what a profile is taken to say, the other word, and its number in rmw/types.h, as
+# older bags have it
 _WORDS = {
-    'history': {1: 'keep_last', 2: 'keep_all'},
-    'reliability': {1: 'reliable', 2: 'best_effort'},
-    'durability': {1: 'transient_local', 2: 'volatile'},
+    'reliability': ('reliable', 'best_effort', 2),
+    'durability': ('volatile', 'transient_local', 1),
+    'history': ('keep_last', 'keep_all', 2),
 }
 
 
-def parse_qos(text: str) -> list[dict]:
-    """Return the QoS profiles in the text of a bag; numbers of older bags become words.
+def parse_qos(text: str) -> list[Qos]:
+    """Return the QoS profiles in the text of a bag, empty for an invalid one: a bag may lack QoS.
 
-    Empty for an invalid text: a bag may lack QoS. A deadline is None where it is infinite, unset or
-    invalid.
+    What a profile does not say is reliable, volatile, the last DEPTH messages, no deadline.
     """
-    profiles = []
+    parsed = []
     for profile in _profiles(text):
         if not isinstance(profile, dict):
             continue
-        parsed = {'depth': profile.get('depth'), 'deadline_ns': None}
-        for name, words in _WORDS.items():
-            value = profile.get(name)
-            is_number = isinstance(value, int)
-            parsed[name] = (
-                words.get(value) if is_number else value if value in words.values() else None
-            )
+        words = {
+            name: other if profile.get(name) in (other, number) else usual
+            for name, (usual, other, number) in _WORDS.items()
+        }
+        depth, deadline_ms = profile.get('depth'), None
+        depth = depth if isinstance(depth, int) and depth > 0 else DEPTH
         match profile.get('deadline'):
             case {'sec': int(sec), 'nsec': int(nsec)} if 0 < sec * NS_PER_S + nsec < INFINITE_NS:
-                parsed['deadline_ns'] = sec * NS_PER_S + nsec
-        profiles.append(parsed)
-    return profiles
+                deadline_ms = (sec * NS_PER_S + nsec) / 1e6
+        parsed.append(Qos(**words, depth=depth, deadline_ms=deadline_ms))
+    return parsed
 
 
 def _profiles(text):

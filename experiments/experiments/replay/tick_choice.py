@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 
 from bags.errors import BagError
-from bags.evaluation import metrics
 from bags.evaluation.drive import drive_from_columns
 from bags.evaluation.metrics import outcome
 from bags.evaluation.metrics.registry import EvaluatedDrive
@@ -77,7 +76,7 @@ def _check(bag, what, value, low, high, unit):
 
 
 def _before_loss(bag, run, stamps):
-    losses = outcome.find_losses(run, metrics.metrics_of(run))
+    losses = outcome.find_losses(run)
     if not losses:
         raise BagError(
             f'{bag.path}: the car neither collided nor left the road nor slid; --at closest shows '

@@ -26,13 +26,19 @@ KEYS = """verdict completed finish_at_m collided collided_by left_road left_road
     min_v2e_per_edge_m min_outline_gap_m min_outline_gap_per_obstacle_m min_outline_v2e_m
     min_outline_v2e_per_edge_m finished stopped following wheel_off_road_m survived lost_by
     lane_excess_m dodge_m in_the_way_s min_time_gap_s
-    overshoots peak_overshoot_m peak_brake_mps2 peak_sideslip_deg
-    peak_sideslip_at_m min_speed_mps brake_onset_at_m brake_onset_hard_at_m
+    overshoots peak_overshoot_m peak_sideslip_deg
+    peak_sideslip_at_m min_speed_mps brake_onset_at_m peak_brake_mps2 brake_onset_hard_at_m
     planned_brake_onset_at_m planned_brake_onset_hard_at_m braking_s
     counter_steer_s peak_counter_steer_deg peak_lat_acc_mps2 held_lat_acc_mps2
     lateral_limit_use_plant rms_lat_jerk_mps3 peak_lat_acc_share
     peak_brake_share rms_contouring_m solve_ms solve_cpu_ms ticks deadline_misses fallbacks
     stopped_early"""
+
+
+def judged(drive, *names):
+    """Return some metrics of a drive."""
+    result = metrics.compute_metrics(drive)
+    return tuple(result[name] for name in names)
 
 
 def near(value, tolerance=None):
@@ -258,7 +264,7 @@ def test_distances_and_what_has_no_meaning(drive, expected):
     ],
 )
 def test_a_metric_has_its_closed_form(drive, metric, value):
-    assert metrics.compute_metrics(drive)[metric] == value
+    assert judged(drive, metric) == (value,)
 
 
 @pytest.mark.parametrize(
@@ -280,10 +286,8 @@ def test_a_metric_has_its_closed_form(drive, metric, value):
     ],
 )
 def test_safety_distance_and_collision(drive, unsafe, outline_unsafe, by):
-    result = metrics.compute_metrics(drive)
-    assert result['entered_unsafe_area'] is unsafe
-    assert result['outline_entered_unsafe_area'] is outline_unsafe
-    assert (result['collided_by'], result['collided']) == (by, by is not None)
+    areas = 'entered_unsafe_area', 'outline_entered_unsafe_area'
+    assert judged(drive, *areas, 'collided_by') == (unsafe, outline_unsafe, by)
 
 
 @pytest.mark.parametrize(
@@ -303,9 +307,7 @@ def test_safety_distance_and_collision(drive, unsafe, outline_unsafe, by):
     ],
 )
 def test_the_outline_leaves_the_road_before_its_centre_does(drive, left_at, beyond):
-    result = metrics.compute_metrics(drive)
-    assert (result['left_road_at_m'], result['beyond_edge_m']) == (left_at, beyond)
-    assert result['left_road'] is (left_at is not None)
+    assert judged(drive, 'left_road_at_m', 'beyond_edge_m') == (left_at, beyond)
 
 
 @pytest.mark.parametrize('side', [-1, 1])
@@ -313,18 +315,17 @@ def test_the_outline_leaves_the_road_before_its_centre_does(drive, left_at, beyo
 def test_a_slide_is_a_loss_of_control_above_30_deg(peak, how, side):
     angle = side * peak
     drive = moving(drive_of(), lambda x: angle * np.sin(np.pi * x / 100.0))
-    result = metrics.compute_metrics(drive)
-    assert (result['lost'], result['lost_how']) == (how is not None, how)
-    assert ((f'(sideslip angle up to {peak:.0f} deg)') in result['verdict']) == (how is not None)
+    lost_how, verdict = judged(drive, 'lost_how', 'verdict')
+    assert lost_how == how
+    assert ((f'(sideslip angle up to {peak:.0f} deg)') in verdict) == (how is not None)
 
 
 def test_a_car_that_turns_round_has_spun_and_one_that_crawls_has_no_sideslip():
     # 30 deg at 60 m, backwards from 80 m
-    result = metrics.compute_metrics(turning_round(drive_of(), 50.0))
-    assert (result['lost'], result['lost_how']) == (True, 'spun')
-    assert (result['lost_at_m'], result['peak_sideslip_deg']) == (near(60.0, 0.05), near(150.0))
-    result = metrics.compute_metrics(sliding(170.0, 2.9))
-    assert (result['lost'], result['peak_sideslip_deg']) == (False, None)
+    names = 'lost_how', 'lost_at_m', 'peak_sideslip_deg'
+    spun = judged(turning_round(drive_of(), 50.0), *names)
+    assert spun == ('spun', near(60.0, 0.05), near(150.0))
+    assert judged(sliding(170.0, 2.9), *names) == (None, None, None)
 
 
 SLOW = put(standing(drive_of(**LEAST), 42.0), 'ticks', last_reason='too_slow')
@@ -380,9 +381,9 @@ OFF = standing(turning_round(drive_of(y=lambda x: x / 20.0, **LEAST), 40.0), 80.
     ],
 )
 def test_the_verdict_says_what_happened_causes_first(drive, completed, verdict):
-    result = metrics.compute_metrics(drive)
-    assert result['completed'] is completed
-    assert result['verdict'].startswith(verdict)
+    is_completed, text = judged(drive, 'completed', 'verdict')
+    assert is_completed is completed
+    assert text.startswith(verdict)
 
 
 @pytest.mark.parametrize(
@@ -404,9 +405,8 @@ def test_the_verdict_says_what_happened_causes_first(drive, completed, verdict):
     ],
 )
 def test_planned_braking_begins_where_the_force_first_stays_at_the_threshold(drive, onset, hard):
-    result = metrics.compute_metrics(drive)
-    assert result['planned_brake_onset_at_m'] == onset
-    assert result['planned_brake_onset_hard_at_m'] == hard
+    names = 'planned_brake_onset_at_m', 'planned_brake_onset_hard_at_m'
+    assert judged(drive, *names) == (onset, hard)
 
 
 @pytest.mark.parametrize(
@@ -432,21 +432,19 @@ def test_planned_braking_begins_where_the_force_first_stays_at_the_threshold(dri
     ],
 )
 def test_the_judge_of_emergencies_names_the_first_cause(drive, lost_by, off):
-    result = metrics.compute_metrics(put(drive, 'facts', wheels=WHEELS))
-    assert (result['lost_by'], result['survived']) == (lost_by, lost_by is None)
-    assert result['wheel_off_road_m'] == off
-    assert result['stopped'] is bool(np.hypot(drive.motion.vx[-1], drive.motion.vy[-1]) < 0.5)
-    assert result['finished'] is bool(drive.motion.x[-1] >= 90.0)
+    names = 'lost_by', 'survived', 'wheel_off_road_m', 'stopped', 'finished'
+    stopped = np.hypot(drive.motion.vx[-1], drive.motion.vy[-1]) < 0.5
+    expected = (lost_by, lost_by is None, off, stopped, drive.motion.x[-1] >= 90.0)
+    assert judged(put(drive, 'facts', wheels=WHEELS), *names) == expected
 
 
 @pytest.mark.parametrize('y', [0.0, 1.3, -2.5])
 @pytest.mark.parametrize('yaw', [0.0, 0.3, -1.2])
 def test_the_distance_of_the_outline_to_an_edge_is_that_of_its_farthest_corner(y, yaw):
-    result = metrics.compute_metrics(drive_of(y=y, yaw=yaw))
     aside = 2.4 * abs(np.sin(yaw)) + 0.9 * np.cos(yaw)
     margins = {'left': 3.0 - y - aside, 'right': 3.0 + y - aside}
-    assert result['min_outline_v2e_per_edge_m'] == near(margins)
-    assert result['min_outline_v2e_m'] == near(min(margins.values()))
+    names = 'min_outline_v2e_per_edge_m', 'min_outline_v2e_m'
+    assert judged(drive_of(y=y, yaw=yaw), *names) == (near(margins), near(min(margins.values())))
 
 
 @pytest.mark.parametrize(
@@ -470,8 +468,8 @@ def test_a_car_that_follows_another_at_the_end_survives(ahead, aside, speed, fol
     # it comes at the end: nothing touches before
     is_there = np.arange(101) * 0.05 >= 2.4
     scene = straight_scene([other._replace(x=np.where(is_there, other.x, np.nan))])
-    result = metrics.compute_metrics(drive_of(metres=50.0, scene=scene, wheels=WHEELS))
-    assert result['following'] is result['survived'] is follows
+    drive = drive_of(metres=50.0, scene=scene, wheels=WHEELS)
+    assert judged(drive, 'following', 'survived') == (follows, follows)
 
 
 def test_jerk_is_that_of_what_was_measured():
@@ -506,10 +504,10 @@ def test_a_lap_is_complete_only_where_the_stop_is_passed_at_its_end(
     path = np.column_stack(around(np.linspace(0.0, 2.0 * np.pi * turns, 901)))
     drive = drive_of(scene=past(reference=path), stop=(0.0, stop), armed_after=share)
     x, y = around(np.pi * np.linspace(*driven, len(drive.motion.x)))
-    result = metrics.compute_metrics(put(drive, 'motion', x=x, y=y))
-    assert result['completed'] is done
+    completed, finish_m = judged(put(drive, 'motion', x=x, y=y), 'completed', 'finish_at_m')
+    assert completed is done
     if stop:
-        assert result['finish_at_m'] == near(20.0 * np.pi, 0.2)
+        assert finish_m == near(20.0 * np.pi, 0.2)
 
 
 def lane_change(x, at, length, width):
@@ -556,14 +554,14 @@ def test_a_drive_longer_than_a_day_is_refused_before_it_fills_the_memory(part):
 
 
 def test_an_object_of_several_discs_is_one_obstacle_as_near_as_the_nearest_of_them():
-    def judged(*discs):
+    def past_discs(*discs):
         return EvaluatedDrive(drive_of(scene=straight_scene(discs)))
 
     far, close = obstacle(1, 40.0, 4.0), obstacle(1, 44.0, 2.5)._replace(disc=1)
-    both = judged(far, close)
+    both = past_discs(far, close)
     assert both.value(metrics.outcome.min_v2o_per_obstacle_m) == {'1': near(2.5 - 1.0 - 1.1, 1e-6)}
     assert list(both.series.outline_gaps) == [1]
-    alone = [judged(disc).series.outline_gaps[1] for disc in (far, close._replace(disc=0))]
+    alone = [past_discs(disc).series.outline_gaps[1] for disc in (far, close._replace(disc=0))]
     assert np.array_equal(both.series.outline_gaps[1], np.minimum(*alone))
 
 

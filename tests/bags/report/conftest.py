@@ -15,9 +15,9 @@ from tornado.httpclient import AsyncHTTPClient
 from tornado.websocket import websocket_connect
 
 from bags.evaluation import metrics
-from bags.evaluation.controller_log import ControllerLog
 from bags.report import page
-from msgs_yaml.types import Prediction
+from bags.storage.columns import Columns
+from msgs_yaml.types import Prediction, Why
 
 SECONDS = 60.0
 FLAGS = (
@@ -42,25 +42,25 @@ def drives(make_drive):
     }
 
 
-@pytest.fixture(scope='session')
-def logs(drives):
-    return {name: _controller_log(item, name) for name, item in drives.items()}
-
-
-def _controller_log(one, name):
+def _sent(one):
+    """Return what a controller sends during a drive, as tables."""
     ticks = one.motion.stamp_ns[:-1:50]
-    stages = np.arange(51) * 0.05
+    stages, t = np.arange(51) * 0.05, (ticks - ticks[0]) * 1e-9
     predictions = [
-        Prediction(int(t), x + 20.0 * stages, y + 0.0 * stages, 0.0 * stages, stages)
-        for t, x, y in zip(ticks, one.motion.x[::50], one.motion.y[::50])
+        Prediction(int(ns), x + 20.0 * stages, y + 0.0 * stages, 0.0 * stages, stages)
+        for ns, x, y in zip(ticks, one.motion.x[::50], one.motion.y[::50])
     ]
-    output = {
-        'friction.front': 0.5 + 0.3 * np.sin(ticks * 1e-9),
-        'friction.rear': 0.4 + 0.3 * np.sin(ticks * 1e-9),
-        'time.solve_ms': np.full(len(ticks), 2.0),
+    said = {'friction.front': 0.5, 'friction.rear': 0.4, 'time.solve_ms': 2.0}
+    reports = [Why(ns, 0, 'solved', said) for ns in ticks.tolist()]
+    return {
+        '/controller/prediction': Columns(ticks, t, values=predictions),
+        '/controller/why': Columns(ticks, t, values=reports),
     }
+
+
+def _run_info(name):
     own = {'friction': 1.0, 'weight_of': name, 'stop.x_m': 90.0}
-    info = {
+    return {
         'mode': 'lockstep',
         'scenario': 'straight',
         'git_commit': '0123abc',
@@ -68,14 +68,13 @@ def _controller_log(one, name):
         'versions': json.dumps({'python': '3.11'}),
         'machine': json.dumps({'processor': 'a <fast> one', 'cores': 2}),
     }
-    return ControllerLog(info, predictions, ticks, output)
 
 
 @pytest.fixture(scope='session')
-def runs(drives, logs):
+def runs(drives):
     made = evaluate_runs(drives)
     for run in made:
-        run.log = logs[run.name]
+        run.tables, run.run_info = _sent(run.drive), _run_info(run.name)
     return made
 
 

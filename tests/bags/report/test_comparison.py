@@ -50,7 +50,9 @@ def again(drives, comparison, tmp_path_factory):
     (folder / 'comparison.json').write_text(comparison.file.read_text())
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(comparison_figures, 'write_figures', lambda *given: None)
-        return compare_drives(drives, folder, {'damage': DAMAGE})
+        cut = evaluate_runs(drives)
+        cut[0].damage = DAMAGE['mpcc']
+        return comparison_module.compare_runs(cut, folder)
 
 
 @pytest.fixture(scope='module')

@@ -10,8 +10,10 @@ from PIL import Image
 from straight_drive import obstacle, straight_scene
 
 from bags.errors import BagError
+from bags.evaluation.controller_log import PREDICTION
 from bags.figures import film
 from bags.figures.film import FilmOptions
+from bags.storage.columns import Columns
 
 SHORT = FilmOptions(width_px=480, fps=10, begin_s=2.0, end_s=2.4)
 
@@ -69,13 +71,12 @@ def test_the_car_its_wheels_and_the_obstacles_are_where_the_bag_says(runs):
 
 def test_what_the_car_reacts_to_is_in_view(runs, make_drive):
     # a plan reaches 80 m ahead; someone comes from 9 m beside the middle of the road, 60 m ahead
-    plan = runs[0].log.predictions[0]
+    plan = runs[0].sent(PREDICTION)[0]
     far = plan._replace(X=plan.X[0] + np.linspace(0.0, 80.0, len(plan.X)))
-    log = runs[0].log._replace(predictions=[far])
     coming = obstacle(1, 60.0, 9.0, vy=-1.0, radius=0.4)
     (run,) = evaluate_runs({'mpcc': make_drive(scene=straight_scene([coming]))})
     panel, road = Figure().subplots(1, 2)
-    run.log = log
+    run.tables = {PREDICTION: Columns(np.array([far.stamp_ns]), np.zeros(1), values=[far])}
     strip = film.Strip(panel, road, run, film.window([run]))
     strip.show(0.0)
     for point in ((far.X[-1], 0.0), strip.artists['obstacle', 1].center):

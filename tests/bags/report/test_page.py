@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bags.evaluation import metrics
-from bags.evaluation.controller_log import EMPTY_LOG
+from bags.evaluation.controller_log import PREDICTION
 from bags.report import page, page_figures
 from bags.report.comparability import (
     UNKNOWN,
@@ -22,13 +22,10 @@ from node_runtime import provenance
 LIMIT_BYTES = 5_000_000
 
 
-def changed(run, name=None, log=None, run_info=None):
-    """Return a copy of a run with another name, log, or information in it."""
+def changed(run, **others):
+    """Return a copy of a run with other attributes."""
     other = copy.copy(run)
-    other.name = name or run.name
-    other.log = log or run.log
-    if run_info is not None:
-        other.log = other.log._replace(run_info=run_info)
+    vars(other).update(others)
     return other
 
 
@@ -54,13 +51,13 @@ def test_names_and_notes_of_a_run_cannot_break_out_of_the_page(material, runs):
     assert text.count('</script>') == page.report_html(material, runs).count('</script>')
 
 
-def test_every_number_of_the_table_and_what_differs_stands_in_the_page(material, logs, report):
+def test_every_number_of_the_table_and_what_differs_stands_in_the_page(material, runs, report):
     text = report.read_text()
     for result in material['runs'].values():
         assert f'{result["min_v2o_m"]:.2f}' in text
         assert f'{result["peak_lat_acc_mps2"]:.1f}' in text
     assert 'a &lt;fast&gt; one' in text
-    rows = parameter_rows([log.run_info for log in logs.values()])
+    rows = parameter_rows([run.run_info for run in runs])
     unlike = {role: [row.name for row in result if row.differs] for role, result in rows.items()}
     assert unlike == {'controller': ['weight_of'], 'plant': []}
     assert re.search(r'<tr class="differs"><th scope="row">weight_of</th>', text)
@@ -70,7 +67,7 @@ def test_every_number_of_the_table_and_what_differs_stands_in_the_page(material,
 
 
 def test_a_drive_without_notes_has_a_report_all_the_same(material, runs):
-    silent = [changed(run, log=EMPTY_LOG) for run in runs]
+    silent = [changed(run, tables={}, run_info={}) for run in runs]
     text = page.report_html(material, silent)
     assert 'id="manoeuvre"' in text
     assert 'data-panel="v2o"' in text
@@ -90,7 +87,7 @@ def test_the_film_is_where_the_drive_was(runs):
     x = view['obstacles']['x']
     assert x[:, 0] == pytest.approx(60.0)
     assert np.diff(x[:, 1]) == pytest.approx(5.0 * page_figures.FRAME_NS * 1e-9, abs=1e-4)
-    assert view['runs'][0]['plan']['x'].shape == (len(run.log.predictions), 26)
+    assert view['runs'][0]['plan']['x'].shape == (len(run.sent(PREDICTION)), 26)
 
 
 def test_every_plot_has_its_unit_and_a_key_with_every_run(runs, report):

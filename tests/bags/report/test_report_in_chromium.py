@@ -1,9 +1,8 @@
 """The report as a reader sees it: in headless Chromium, played and zoomed, without a network."""
 
 import pytest
-from evaluated_drives import evaluate_runs
 
-from bags.evaluation import metrics
+from bags.figures import panels
 from bags.report import page
 from bags.report.page_figures import PANELS
 
@@ -133,14 +132,12 @@ def test_zooming_one_panel_zooms_all_and_a_run_can_be_hidden_and_followed(report
 
 
 def test_of_many_runs_those_that_are_chosen_are_named_above_the_road(
-    drives, logs, browse, tmp_path
+    material, runs, browse, tmp_path
 ):
-    runs = evaluate_runs({f'own@{k:02d}': drives['own'] for k in range(30)})
-    values = {run.name: metrics.metrics_of(run) for run in runs}
-    for run in runs:
-        run.log = logs['own']
+    many = panels.assign({f'own@{k:02d}': runs[1] for k in range(30)})
+    values = {run.name: material['runs']['own'] for run in many}
     file = tmp_path / page.REPORT_FILE
-    file.write_text(page.report_html({'scenario': 'straight', 'runs': values}, runs))
+    file.write_text(page.report_html({'scenario': 'straight', 'runs': values}, many))
 
     async def visit(tab):
         await tab.until('Bokeh.documents[0].is_idle')

@@ -6,7 +6,7 @@ import numpy as np
 from example_messages import encoded
 
 from bags.storage import message_filing, read
-from bags.storage.bag_writer import NO_SPLIT, BagWriter
+from bags.storage.bag_writer import BagWriter
 from msgs_yaml import contract, types
 from node_runtime import ros
 
@@ -109,9 +109,9 @@ def in_memory(*recordings, path='made up'):
     return read.Bag(path, (), named, {}, None)
 
 
-def write_recordings(folder, recordings, entries, split=NO_SPLIT):
+def write_recordings(folder, recordings, entries, **split):
     """Write a bag of recordings, in the order of time; return its folder."""
-    writer = BagWriter(folder, [r.topic for r in recordings], {'run': entries}, split)
+    writer = BagWriter(folder, [r.topic for r in recordings], {'run': entries}, **split)
     rows = [
         (log_ns, index, publish_ns, data, sequence)
         for index, r in enumerate(recordings)

@@ -2,13 +2,13 @@
 
 import contextlib
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from one_second import every_message
-from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from bags.errors import BagError
@@ -17,7 +17,7 @@ from bags.storage import cdr, columns, read, repair
 from bags.storage.bag_writer import BagWriter
 from bags.storage.decoding import column, group_by_layout, stamp_reader
 from bags.storage.message_definitions import SEPARATOR, schema_text, type_hash
-from bags.storage.rosbag2_metadata import BagTopic, parse_qos, qos_text
+from bags.storage.rosbag2_metadata import DEPTH, BagTopic, parse_qos, qos_text
 from msgs_yaml import contract, conversions, types
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
@@ -120,16 +120,8 @@ def test_every_route_gives_the_published_values(bag_folder, messages, topic):
     if topic in columns.TOPICS:
         for name, values in zip(columns.names(topic)[2:], list(zip(*sent))[1:], strict=True):
             np.testing.assert_array_equal(getattr(table, name), np.array(values), err_msg=name)
-    described = bag.recordings[topic].topic
-    stamp_ns = stamp_reader(described.type)
+    stamp_ns = stamp_reader(bag.recordings[topic].topic.type)
     assert [*map(stamp_ns, bag.recordings[topic].payloads)] == table.stamp_ns.tolist()
-    with AnyReader([bag_folder]) as reader:
-        connections = [item for item in reader.connections if item.topic == topic]
-        rows = [bytes(data) for _, _, data in reader.messages(connections)]
-        theirs = [reader.deserialize(data, described.type) for data in rows[:20]]
-    assert rows == bag.recordings[topic].payloads
-    for data, message in zip(rows, theirs):
-        assert_same(cdr.decode(data, described.schema, described.type), message)
 
 
 @pytest.mark.parametrize('type_name', sorted({t.type for t in contract.load().topics.values()}))
@@ -150,7 +142,7 @@ def test_unknown_package_is_named_with_the_places_searched():
 
 # definitions that no recorder wrote: sound to every checksum, and told to mislead
 TYPES = {name: contract.load().topics[name].type for name in (STATE, COMMAND, WHY)}
-QOS = qos_text('keep_last', 1, 'reliable', 'volatile')
+QOS = qos_text(contract.Qos('reliable', 'volatile', 'keep_last', 1))
 LITTLE = b'\x00\x01\x00\x00'
 NO_NUMBERS = LITTLE + bytes(2000)
 CIRCLE = 'a/B b' + section('a/B', 'a/C c') + section('a/C', 'a/B b')
@@ -261,10 +253,34 @@ def test_qos_that_is_none_says_nothing_and_is_no_obstacle(write, text):
     assert repair.repair_bag(folder).wrote_metadata
 
 
-def test_qos_of_odd_values_says_nothing_of_them():
-    (result,) = parse_qos('- {history: [1], reliability: {}, durability: 2, depth: 3}')
-    expected = {'history': None, 'reliability': None, 'durability': 'volatile', 'depth': 3}
-    assert result == {**expected, 'deadline_ns': None}
+ODD = {
+    '{history: [1], reliability: {}, durability: 2, depth: 3}': (
+        'reliable',
+        'volatile',
+        'keep_last',
+        3,
+    ),
+    # of older bags
+    '{history: 2, reliability: 2, durability: 1, depth: 0}': (
+        'best_effort',
+        'transient_local',
+        'keep_all',
+        DEPTH,
+    ),
+    '{}, x': ('reliable', 'volatile', 'keep_last', DEPTH),
+}
+
+
+@pytest.mark.parametrize(('profile', 'qos'), ODD.items())
+def test_qos_of_odd_values_says_nothing_of_them(profile, qos):
+    assert parse_qos(f'[{profile}]') == [contract.Qos(*qos)]
+
+
+def test_qos_of_the_contract_is_kept():
+    for topic in contract.load().topics.values():
+        for qos in topic.qos.values():
+            depth = qos.depth if qos.history == 'keep_last' else DEPTH
+            assert parse_qos(qos_text(qos)) == [replace(qos, depth=depth)], topic.name
 
 
 JOINTS = 'sensor_msgs/msg/JointState'

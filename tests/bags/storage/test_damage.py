@@ -28,7 +28,7 @@ from bags.errors import BagError, DamagedBagWarning
 from bags.evaluation.bag_summary import summarize_bag
 from bags.player_node import build_playlist
 from bags.storage import mcap_scan, read, repair
-from bags.storage.bag_writer import BagWriter, Split
+from bags.storage.bag_writer import BagWriter
 from bags.storage.mcap_reader import mcap_files, read_mcap
 
 BAGS = int(os.environ.get('DAMAGED_BAGS', '150'))
@@ -310,8 +310,8 @@ def split_folder(tmp_path_factory, bag_folder):
     """Return a bag in eleven files of a tenth of a second each, and what is left of it."""
     folder = tmp_path_factory.mktemp('split') / 'bag'
     whole = read.load(bag_folder)
-    split = Split(duration_ns=90_000_000)
-    return write_recordings(folder, whole.recordings.values(), whole.run_info, split)
+    recordings = whole.recordings.values()
+    return write_recordings(folder, recordings, whole.run_info, split_ns=90_000_000)
 
 
 def states(bag):

@@ -10,14 +10,9 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from one_second import of_contract
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 
 from bags import cli
-from bags.player_node import DEPTH, to_qos_profile
 from bags.storage import read
-from bags.storage.rosbag2_metadata import qos_text
-from msgs_yaml import contract
-from node_runtime import ros
 
 STATE = '/vehicle/odometry'
 
@@ -104,32 +99,25 @@ def test_messages_are_sent_when_they_were_recorded(
     assert np.ptp(least_s) < 2e-3 + max(woken_late_s)
 
 
-def test_rate_and_loop_repeat_the_bag_faster(bag_folder, start_player):
-    arguments = {'rate': 10.0, 'loop': 'true', 'topics': '[/vehicle/imu]', 'clock_hz': 0.0}
-    player, played = start_player(bag_folder, recorders=0, **arguments), 'played 100 messages'
-    lines = player.until(lambda output: output.count(played) >= 6).splitlines()
-    assert player.end()[0] == 0
-    # the times of the log
-    ends = [float(re.search(r'\[(\d+\.\d+)\]', line)[1]) for line in lines if played in line]
-    # 0.99 s of the bag each time, by the clock of the player
-    assert 0.098 < min(np.diff(ends)) < 0.5
-
-
-def test_damaged_bag_plays_up_to_the_damage_and_says_where(
-    tmp_path, bag_folder, start_recorder, start_player
+def test_rate_and_loop_repeat_a_damaged_bag_up_to_the_damage_faster(
+    tmp_path, bag_folder, start_player
 ):
-    whole = (bag_folder / 'mpcc_0.mcap').read_bytes()
-    cut = tmp_path / 'cut.mcap'
-    cut.write_bytes(whole[: len(whole) // 2])
+    whole, cut = (bag_folder / 'mpcc_0.mcap').read_bytes(), tmp_path / 'cut.mcap'
+    cut.write_bytes(whole[: 3 * len(whole) // 4])
     with pytest.warns(UserWarning, match='damaged'):
-        before = payloads(cut)
-    recorder = start_recorder(tmp_path / 'again')
-    output = said_by(start_player(cut, rate=20.0, clock_hz=0.0))
-    assert recorder.end()[0] == 0
-    assert output.count(f'{cut}: damaged at byte ') == 2  # before and after playing
-    after = payloads(tmp_path / 'again')
-    assert after == before
-    assert sum(map(len, after.values())) > 100
+        sent = read.load(cut).recordings['/vehicle/imu'].log_ns
+    arguments = {'rate': 10.0, 'loop': 'true', 'topics': '[/vehicle/imu]', 'clock_hz': 0.0}
+    player = start_player(cut, recorders=0, **arguments)
+    played = f'played {len(sent)} messages'
+    output = player.until(lambda output: output.count(played) >= 6)
+    assert player.end()[0] == 0
+    assert output.count(f'{cut}: damaged at byte ') >= 6
+    # the times of the log
+    lines = (line for line in output.splitlines() if played in line)
+    ends = [float(re.search(r'\[(\d+\.\d+)\]', line)[1]) for line in lines]
+    # by the clock of the player
+    least_s = np.ptp(sent) / 1e10
+    assert 0.99 * least_s < min(np.diff(ends)) < 5 * least_s
 
 
 def test_keys_pause_step_and_end(bag_folder, start_player, tmp_path, start_recorder):
@@ -183,29 +171,3 @@ def test_command_becomes_the_player_with_every_option(monkeypatch):
         *('bag:="1.0"', 'rate:=2.0', 'start_s:=1.0', 'duration_s:=3.0', 'loop:=true'),
         *('topics:=["/a", "/b"]', 'clock_hz:=0.0', 'paused:=true', 'step_s:=0.1'),
     ]
-
-
-@pytest.mark.parametrize('mode', contract.MODES)
-def test_publishers_offer_what_was_recorded(mode):
-    for topic in contract.load().topics.values():
-        wanted = topic.qos[mode]
-        deadline_ns = None if wanted.deadline_ms is None else round(wanted.deadline_ms * 1e6)
-        text = qos_text(
-            wanted.history, wanted.depth, wanted.reliability, wanted.durability, deadline_ns
-        )
-        result, expected = to_qos_profile(text), ros.to_qos_profile(wanted)
-        for name in ('history', 'reliability', 'durability', 'deadline'):
-            assert getattr(result, name) == getattr(expected, name), topic.name
-        assert result.depth == expected.depth or wanted.history != 'keep_last'
-
-
-def test_qos_of_older_bags_is_understood_and_of_none_is_plain():
-    older = to_qos_profile('- history: 2\n  depth: 0\n  reliability: 2\n  durability: 1\n')
-    assert older.history == HistoryPolicy.KEEP_ALL
-    assert older.reliability == ReliabilityPolicy.BEST_EFFORT
-    assert older.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    for nothing in ('', '{broken', '[1, x]', 'text'):
-        plain = to_qos_profile(nothing)
-        assert (plain.history, plain.depth) == (HistoryPolicy.KEEP_LAST, DEPTH)
-        assert plain.reliability == ReliabilityPolicy.RELIABLE
-        assert plain.durability == DurabilityPolicy.VOLATILE

@@ -2,8 +2,6 @@
 
 import itertools
 import signal
-import subprocess
-import sys
 import time
 
 import numpy as np
@@ -14,30 +12,13 @@ from wait_until import wait_until
 from experiments.configuration import node_config
 from msgs_yaml import conformance, encode, share
 from msgs_yaml.types import Obstacle, Obstacles, Prediction, VehicleState, Why
-from node_runtime import parameters, ros, spin_node
+from node_runtime import parameters, ros
 from scenario_publisher import scenario
 
 CUT = bytes.fromhex('00010000ff')  # no message of any type
 SECONDS = 60.0
 S = 1_000_000_000
 DRAWN = ('/markers/vehicle', '/markers/safety', '/markers/prediction')
-
-
-@pytest.fixture(params=['/', '/car1'])
-def node(request, domain):
-    """Return a node that plays the ring; a markers_node in the same namespace watches it."""
-    arguments = ['-p', 'outline.width_m:=1.7', '-r', f'__ns:={request.param}']
-    process = subprocess.Popen(
-        [sys.executable, '-m', 'bags.markers_node', '--ros-args', *arguments],
-    )
-    context = rclpy.Context()
-    rclpy.init(context=context)
-    result = rclpy.create_node('ring', context=context, namespace=request.param)
-    result.declare_parameter('mode', 'lockstep')
-    yield result
-    spin_node.shut_down(result, context=context)
-    process.send_signal(signal.SIGTERM)
-    assert process.wait(SECONDS) == 0
 
 
 def sent(k):
@@ -61,19 +42,21 @@ def is_complete(received):
     )
 
 
-def test_it_draws_the_ring_with_its_own_parameters_and_outlives_bad_messages(node):
-    received = {}
+@pytest.mark.parametrize('namespace', ['/', '/car1'])
+def test_it_draws_the_ring_with_its_own_parameters_and_outlives_bad_messages(
+    namespace, start_node, make_ring
+):
+    process = start_node('bags.markers_node', namespace=namespace, **{'outline.width_m': 1.7})
+    ring, received, ticks = make_ring('lockstep', namespace), {}, itertools.count()
     for topic in DRAWN:
-        ros.subscribe(node, topic, lambda message, t=topic: received.update({t: message}))
-    pubs = {topic: ros.publisher(node, topic) for topic in sent(0)}
-    executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
-    executor.add_node(node)
-    ticks = itertools.count()
+        ros.subscribe(ring.node, topic, lambda message, t=topic: received.update({t: message}))
+    executor = rclpy.executors.SingleThreadedExecutor(context=ring.context)
+    executor.add_node(ring.node)
 
     def publish_until(done, cut=False):
         def tick():
             for topic, message in sent(next(ticks)).items():
-                pubs[topic].publish(CUT if cut else message)
+                ring.publishers[topic].publish(CUT if cut else message)
             end = time.monotonic() + 0.05
             while time.monotonic() < end:
                 executor.spin_once(timeout_sec=0.01)
@@ -89,6 +72,7 @@ def test_it_draws_the_ring_with_its_own_parameters_and_outlives_bad_messages(nod
         assert conformance.check(topic, message) == [], topic
     (body,) = (item for item in received['/markers/vehicle'].markers if item.ns == 'body')
     assert body.scale.y == 1.7
+    assert process.end(signal.SIGTERM)[0] == 0
 
 
 def test_experiments_run_tells_it_what_car_drives_and_what_is_safe():

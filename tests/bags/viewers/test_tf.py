@@ -1,8 +1,7 @@
 """/tf over real Fast DDS: the car's frame in the map is the pose that the state has."""
 
 import signal
-import subprocess
-import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ from rosbags.typesys import Stores, get_typestore
 from bags.storage import read
 from msgs_yaml import conversions
 
-SECONDS = 60
 FRAMES = 10
 STORE = get_typestore(Stores.ROS2_JAZZY)
 HERE = Path(__file__).parent
@@ -28,32 +26,16 @@ def environment(domain, tmp_path_factory):
     return tf2.environment(tmp_path_factory.mktemp('tf2'))
 
 
-@pytest.fixture
-def start(environment):
-    """start(words) -> a process; ended at the end of the test."""
-    started = []
-
-    def one(*words, **options):
-        started.append(subprocess.Popen([sys.executable, *words], env=environment, **options))
-        return started[-1]
-
-    yield one
-    for process in started:
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(SECONDS) == 0
-
-
 def test_frames_are_recorded_where_their_type_is_installed_and_have_the_pose_of_their_state(
-    start, tmp_path
+    start_node, environment, tmp_path
 ):
-    recorder = start('-m', 'bags.recorder_node', '--ros-args', '-p', f'out:={tmp_path / "bag"}')
-    start('-m', 'bags.markers_node')
-    arguments = (f'bag:={BAG}', 'topics:=[/vehicle/odometry]', 'rate:=4.0', 'recorders:=1')
-    words = [word for item in (*arguments, 'delay_s:=2.0') for word in ('-p', item)]
-    player = start('-m', 'bags.player_node', '--ros-args', *words, stdin=subprocess.DEVNULL)
-    assert player.wait(SECONDS) == 0
-    recorder.send_signal(signal.SIGTERM)
-    assert recorder.wait(SECONDS) == 0
+    start = partial(start_node, environment=environment)
+    recorder = start('bags.recorder_node', out=tmp_path / 'bag')
+    markers = start('bags.markers_node')
+    given = {'topics': '[/vehicle/odometry]', 'rate': 4.0, 'recorders': 1, 'delay_s': 2.0}
+    assert start('bags.player_node', bag=BAG, **given).wait()[0] == 0
+    for process in (recorder, markers):
+        assert process.end(signal.SIGTERM)[0] == 0
     with Reader(tmp_path / 'bag') as reader:
         frames = [
             STORE.deserialize_cdr(data, connection.msgtype).transforms[0]

@@ -16,17 +16,15 @@ from typing import Any
 from bags.evaluation.drive import Drive, drop_nonfinite
 
 # their metrics come in this order in comparison.json and in the printed table
-from bags.evaluation.metrics import outcome  # isort: skip
+from bags.evaluation.metrics import outcome  # noqa: F401 # isort: skip
 from bags.evaluation.metrics import survival  # noqa: F401 # isort: skip
 from bags.evaluation.metrics import rules  # noqa: F401 # isort: skip
 from bags.evaluation.metrics import driving  # noqa: F401 # isort: skip
 from bags.evaluation.metrics.registry import METRICS, EvaluatedDrive
 
-VERDICT = 'verdict'  # how the run ended, in words
-
 
 def compute_metrics(drive: Drive) -> dict[str, Any]:
-    """Return every metric of a drive by name, JSON values; `verdict` is a text for a person.
+    """Return every metric of a drive by name, JSON values.
 
     Samples that are not finite are left out. Raises BagError when no state of the car is left.
     """
@@ -35,5 +33,4 @@ def compute_metrics(drive: Drive) -> dict[str, Any]:
 
 def metrics_of(run: EvaluatedDrive) -> dict[str, Any]:
     """Return every metric of a run by name, as `compute_metrics` does."""
-    values = {metric.name: run.value(metric.function) for metric in METRICS.values()}
-    return {VERDICT: outcome.describe_outcome(run, values), **values}
+    return {metric.name: run.value(metric.function) for metric in METRICS.values()}

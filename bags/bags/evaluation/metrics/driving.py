@@ -54,13 +54,6 @@ def peak_overshoot_m(run):
     return max((overshoot['amount_m'] for overshoot in run.value(overshoots)), default=0.0)
 
 
-@metric('peak deceleration', 'm/s²', 1, row_after='brake_onset_at_m')
-def peak_brake_mps2(run):
-    """Largest measured deceleration."""
-    ax = run.drive.accelerations.ax
-    return max(0.0, -float(np.min(ax))) if ax.size else None
-
-
 @metric('peak sideslip angle', 'deg', 1, until_spin=True)
 def peak_sideslip_deg(run):
     """Largest sideslip angle at the centre of gravity; None of a car that hardly moves.
@@ -88,6 +81,13 @@ def min_speed_mps(run):
 def brake_onset_at_m(run):
     """Station at which the actuated longitudinal force first falls to -500 N."""
     return brake_onset(run, BRAKING_N)
+
+
+@metric('peak deceleration', 'm/s²', 1)
+def peak_brake_mps2(run):
+    """Largest measured deceleration."""
+    ax = run.drive.accelerations.ax
+    return max(0.0, -float(np.min(ax))) if ax.size else None
 
 
 @metric(unit='m')

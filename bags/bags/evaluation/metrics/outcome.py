@@ -3,7 +3,7 @@
 Distances are those of the paper (eq. 3 and 4), between circles, and those of the true outline.
 """
 
-from typing import NamedTuple
+from operator import itemgetter
 
 import numpy as np
 
@@ -20,6 +20,37 @@ INSIDE = {'left': -1.0, 'right': 1.0}  # sign of the road's side of an edge
 STANDING_MPS = 0.5  # below this speed a car stands
 CIRCLE, OUTLINE = 'circle', 'outline'
 TOO_SLOW = 'too_slow'  # reason of the controller, see docs/safety.md
+
+
+@metric()
+def verdict(run):
+    """How the run ended, in words."""
+    station, speed, finish = run.series.station, run.series.speed[-1], run.value(finish_at_m)
+    beyond, ticks = np.flatnonzero(station >= finish), run.drive.ticks
+    row = len(station) - 1  # of the odometry, when it ended
+    if run.value(completed):
+        row, end = -1, f'reached the finish line at {finish:.0f} m'  # said first
+    elif station[0] >= finish:
+        row, end = 0, 'started beyond the finish line'
+    elif beyond.size:
+        row, end = int(beyond[0]), f'passed the finish line beside the road at {finish:.0f} m'
+    elif speed >= STANDING_MPS:
+        end = f'did not reach the finish line: ended at {station[-1]:.0f} m with {speed:.1f} m/s'
+    else:
+        end, reason = f'stood still at {station[-1]:.0f} m', ticks.last_reason
+        # a car that spun is slow for another reason than the controller's
+        if reason and not (reason == TOO_SLOW and run.value(lost)):
+            least = run.drive.facts.least_speed if reason == TOO_SLOW else None
+            below = f': below {least:g} m/s it only brakes' if least else ''
+            end += f' (reason of the controller: {reason}{below})'
+    # in the order in which they happened: causes before what they led to
+    events = sorted([*find_losses(run), (row, end)], key=itemgetter(0))
+    parts = [text for _, text in events]
+    if not run.value(collided):
+        parts.append('no collision')
+    if not ticks.answered_ns.size:
+        parts.append('no command answered a state')
+    return '; '.join(parts)
 
 
 @metric('completed', good_when=True)
@@ -233,73 +264,32 @@ def edge_margins(run: EvaluatedDrive, body: np.ndarray) -> tuple[np.ndarray, dic
     return rows, margins
 
 
-class Event(NamedTuple):
-    """Something that happened in a run, as a person reads it."""
+def find_losses(run: EvaluatedDrive) -> list[tuple[int, str]]:
+    """Return where the car slid, left the road and collided, in the order in which it happened.
 
-    row: int  # of the odometry, when it began
-    text: str
-
-
-def describe_outcome(run: EvaluatedDrive, values: dict) -> str:
-    """Return how a run ended as one line for a person; `values` are all its metrics by name.
-
-    A run that was completed begins with that; of any other one the events come in the order in
-    which they happened, causes before what they led to.
+    Of each the row of the odometry when it began, and what happened, for a person.
     """
-    events, drive, speed = find_losses(run, values), run.drive, run.series.speed[-1]
-    station, finish = run.series.station, values['finish_at_m']
-    beyond, last = np.flatnonzero(station >= finish), len(station) - 1
-    if values['completed']:
-        end = Event(int(beyond[0]), f'reached the finish line at {finish:.0f} m')
-    elif station[0] >= finish:
-        end = Event(0, 'started beyond the finish line')
-    elif beyond.size:
-        text = f'passed the finish line beside the road at {finish:.0f} m'
-        end = Event(int(beyond[0]), text)
-    elif speed >= STANDING_MPS:
-        text = f'did not reach the finish line: ended at {station[-1]:.0f} m with {speed:.1f} m/s'
-        end = Event(last, text)
-    else:
-        text, reason = f'stood still at {station[-1]:.0f} m', drive.ticks.last_reason
-        # a car that spun is slow for another reason than the controller's
-        if reason and not (reason == TOO_SLOW and values['lost']):
-            least = drive.facts.least_speed if reason == TOO_SLOW else None
-            below = f': below {least:g} m/s it only brakes' if least else ''
-            text += f' (reason of the controller: {reason}{below})'
-        end = Event(last, text)
-    events = [end, *events] if values['completed'] else sorted([*events, end], key=lambda e: e.row)
-    parts = [event.text for event in events]
-    if not values['collided']:
-        parts.append('no collision')
-    if not drive.ticks.answered_ns.size:
-        parts.append('no command answered a state')
-    return '; '.join(parts)
-
-
-def find_losses(run: EvaluatedDrive, values: dict) -> list[Event]:
-    """Return where the car slid, left the road and collided, in the order in which it happened."""
     events = []
-    if values['lost']:
-        row = int(np.argmax(_sideslip_deg(run) > SLIDING_DEG))
-        at, peak = values['lost_at_m'], values['peak_sideslip_deg']
-        slid = f'slid at {at:.0f} m (sideslip angle up to {peak:.0f} deg)'
-        events.append(Event(row, f'spun at {at:.0f} m' if values['lost_how'] == 'spun' else slid))
-    if values['left_road']:
+    if run.value(lost):
+        at, sideslip = run.value(lost_at_m), _sideslip_deg(run)
+        text = f'slid at {at:.0f} m (sideslip angle up to {np.nanmax(sideslip):.0f} deg)'
+        text = f'spun at {at:.0f} m' if run.value(lost_how) == 'spun' else text
+        events.append((int(np.argmax(sideslip > SLIDING_DEG)), text))
+    if run.value(left_road):
         rows, beyond = run.value(outline_beyond_edge)
-        at, farthest = values['left_road_at_m'], values['beyond_edge_m']
+        at, farthest = run.value(left_road_at_m), run.value(beyond_edge_m)
         text = f'left the road at {at:.0f} m, by up to {farthest:.2f} m'
-        events.append(Event(int(rows[np.argmax(beyond > 0.0)]), text))
+        events.append((int(rows[np.argmax(beyond > 0.0)]), text))
     # circles may overlap although the outline passes
     for number, gaps in run.series.outline_gaps.items():
-        outline, circle = smallest_finite(gaps), values['min_v2o_per_obstacle_m'][str(number)]
-        touching, how = gaps < 0.0, None
+        outline, circle = smallest_finite(gaps), smallest_finite(run.series.v2o[number])
+        touching, how = gaps < 0.0, ''
         if outline is not None and outline < 0.0:
             how = f'outline, overlap {-outline:.2f} m'
         elif circle is not None and circle < 0.0:
             how = f'circle, overlap {-circle:.2f} m; outline passed by {outline:.2f} m'
             touching = run.series.v2o[number] < 0.0
         if how:
-            events.append(
-                Event(int(np.argmax(touching)), f'collided with obstacle {number} ({how})')
-            )
+            text = f'collided with obstacle {number} ({how})'
+            events.append((int(np.argmax(touching)), text))
     return sorted(events)

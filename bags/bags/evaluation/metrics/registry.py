@@ -12,14 +12,13 @@ a new module are registered when `metrics/__init__.py` imports it.
 """
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from bags.evaluation.controller_log import EMPTY_LOG, ControllerLog
 from bags.evaluation.drive import Drive
 from bags.evaluation.series import Series, compute_series
 from bags.storage.columns import Columns
@@ -28,17 +27,21 @@ from bags.storage.columns import Columns
 class EvaluatedDrive:
     """One run, evaluated once: the argument of every metric, signal, figure and view.
 
-    drive   its arrays; all samples are finite
-    series  distances and angles at every message of the odometry
-    tables  by topic, those that were recorded; {} where the drive is all that is known
-    log     what the controller published about its ticks
-    name    what it is called in tables and figures
-    look    how its curves are drawn, once `panels.assign` gave it one
+    drive     its arrays; all samples are finite
+    series    distances and angles at every message of the odometry
+    tables    by topic, those that were recorded; {} where the drive is all that is known
+    run_info  the metadata record `run` as it was recorded, texts by name; likewise
+    damage    of a recording: where it is damaged, None for a sound one
+    invalid   of a recording: the messages that were left out, `{'invalid_messages': ...}`
+    name      what it is called in tables and figures
+    look      how its curves are drawn, once `panels.assign` gave it one
     """
 
     drive: Drive
     tables: Mapping[str, Columns] = MappingProxyType({})
-    log: ControllerLog = EMPTY_LOG
+    run_info: Mapping[str, str] = MappingProxyType({})
+    damage: str | None = None
+    invalid: Mapping[str, Any] = MappingProxyType({})
     name: str = ''
     look: Any = None
 
@@ -59,6 +62,10 @@ class EvaluatedDrive:
         if function not in self._values:
             self._values[function] = function(self)
         return self._values[function]
+
+    def sent(self, topic: str) -> Sequence[Any]:
+        """Return the messages of a topic without numeric columns; none if it was not recorded."""
+        return self.tables[topic].values if topic in self.tables else ()
 
     @property
     def stamp_ns(self) -> np.ndarray:
@@ -81,7 +88,6 @@ class Metric(NamedTuple):
     yes: str = 'yes'  # how a yes is shown; names of other metrics in braces are filled in
     until_spin: bool = False  # whether the value of a car that spun says nothing, and is not shown
     optional: bool = False  # no row where no run has a value
-    row_after: str = ''  # metric whose row is above this one; '' where that is the one before
     # of a dictionary, by key: what `{}` in the title stands for, and the value of the paper
     labels: Mapping[str, str] = MappingProxyType({})
     paper: Mapping[str, float] = MappingProxyType({})
@@ -102,11 +108,7 @@ METRICS: dict[str, Metric] = {}  # in the order in which they are defined
 
 def table_metrics() -> list[Metric]:
     """Return the metrics that have rows in the table, in the order of the rows."""
-    rows = [metric for metric in METRICS.values() if metric.title]
-    for moved in [metric for metric in rows if metric.row_after]:
-        rows.remove(moved)
-        rows.insert(rows.index(METRICS[moved.row_after]) + 1, moved)
-    return rows
+    return [metric for metric in METRICS.values() if metric.title]
 
 
 def metric(title: str = '', unit: str = '', decimals: int = 0, **shown: Any) -> Callable:
