@@ -32,10 +32,8 @@ def run(options: argparse.Namespace) -> int:
     from stage_solver import compile_cache
 
     names = options.controllers or list(node_config.known_controllers())
-    files = [str(controller.config) for controller in node_config.find_controllers(names)]
-    console = Console()
-    tasks = [(None,), *((file,) for file in files)]
-    done = count(1)
+    console, done = Console(), count(1)
+    tasks = [(None,), *((str(found.config),) for found in node_config.find_controllers(names))]
     with CountProgress(console) as progress, Pool(options.jobs) as pool:
         progress.show('compiling', 0, len(tasks))
         pool.run(_prepare, tasks, lambda: progress.show('compiling', next(done), len(tasks)))

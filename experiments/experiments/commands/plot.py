@@ -28,9 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_table(parser)
     add_list(parser, '--by', 'a column; one or two', metavar='COLUMN')
     parser.add_argument('--surface', action='store_true', help='fit the share over two columns')
-    parser.add_argument(
-        '--out', type=Path, metavar='STEM', help='writes STEM.png, STEM.svg (default: in DIR)'
-    )
+    text = 'writes STEM.png, STEM.svg (default: in DIR)'
+    parser.add_argument('--out', type=Path, metavar='STEM', help=text)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -46,13 +45,12 @@ def run(options: argparse.Namespace) -> int:
     folder = options.table if options.table.is_dir() else options.table.parent
     stem = options.out or folder / '_over_'.join((options.metric, '_'.join(columns)))
     stem.parent.mkdir(parents=True, exist_ok=True)
+    given = table, options.metric, columns if len(columns) > 1 else columns[0], stem
     if options.surface:
-        paths = result_figures.write_surface(table, options.metric, columns, stem)
-    elif len(columns) == 2:
-        paths = result_figures.write_map(table, options.metric, columns, stem, options.bins)
+        paths = result_figures.write_surface(*given)
     else:
-        paths = result_figures.write_marginal(table, options.metric, *columns, stem, options.bins)
-    console = Console()
+        write = result_figures.write_marginal, result_figures.write_map
+        paths = write[len(columns) - 1](*given, options.bins)
     for path in paths:
-        print_text(console, str(path))
+        print_text(Console(), str(path))
     return 0

@@ -71,9 +71,8 @@ class DriveTable(NamedTuple):
         try:
             return values.astype(float)
         except (ValueError, TypeError):
-            raise BagError(
-                f'--metric {name}: holds words; allowed numbers, and true or false'
-            ) from None
+            text = f'--metric {name}: holds words; allowed numbers, and true or false'
+            raise BagError(text) from None
 
 
 def load(path: Path) -> DriveTable:
@@ -90,11 +89,10 @@ def load(path: Path) -> DriveTable:
         raise BagError(f'{file}: no table: {error}') from None
     if ERROR not in rows:
         raise BagError(f'{file}: has no column {ERROR!r}; allowed tables of drives')
-    place = rows.columns.get_loc(ERROR)
     driven = rows[rows[ERROR].fillna('') == ''].copy()
     if driven.empty:
         raise BagError(f'{file}: no drive has a result')
-    inputs = tuple(rows.columns[:place])
+    inputs = tuple(rows.columns[: rows.columns.get_loc(ERROR)])
     for name in inputs:  # a list can be no group; its text can
         driven[name] = driven[name].map(
             lambda value: str(value.tolist()) if isinstance(value, np.ndarray) else value
@@ -106,11 +104,6 @@ def _labels(rows, names):
     there = [name for name in names if name in rows]
     texts = [' '.join(map(str, row)) for row in rows[there].itertuples(index=False)]
     return pandas.Series(texts, rows.index, dtype=object)
-
-
-def is_truth(values: pandas.Series) -> bool:
-    """Tell whether a metric is true or false."""
-    return values.dtype == 'boolean'
 
 
 def controllers(table: DriveTable) -> Sequence[str]:
