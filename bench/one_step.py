@@ -24,7 +24,7 @@ SCHEMES = {
 }
 
 
-def table(params: ControllerParams, track: Callable[..., Iterable]) -> str:
+def table(track: Callable[..., Iterable]) -> str:
     """Return the drives of every loop in every scheme."""
     rows = []
     for loop in track(FULL, description='driving with one step per tick'):

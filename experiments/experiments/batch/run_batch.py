@@ -98,13 +98,13 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> Table:
 
     The draws of a family count as one scenario.
     """
-    rows = []
+    texts = []
     frame = pandas.DataFrame(rows)
     frame['road'] = frame['family'].fillna(frame['scenario'])
     for pair, drives in frame.groupby(['road', 'controller'], sort=False):
         driven = drives[drives['error'] == '']
         count = f'{len(driven):,}' + ('' if len(driven) == len(drives) else f' of {len(drives):,}')
         shares = (f'{driven[name].mean():.1%}' if len(driven) else '–' for name in SHARES)
-        rows.append([*pair, count, *shares])
+        texts.append([*pair, count, *shares])
     columns = 'scenario', 'controller', 'drives', *(share.replace('_', '\n') for share in SHARES)
-    return tables.table(columns, rows, left=columns[:2], overflow='fold', min_width=9)
+    return tables.table(columns, texts, left=columns[:2], overflow='fold', min_width=9)

@@ -79,10 +79,9 @@ def draw_offsets(runs: int, seed: int) -> list[Offset]:
 
     shift = np.random.default_rng(seed).random(2)
     points = (qmc.Halton(d=2, scramble=False).random(runs - 1) + shift) % 1.0
-    scaled = zip(
-        SPEED_SPREAD_KPH * (2 * points[:, 0] - 1), 1 + GRIP_SPREAD * (2 * points[:, 1] - 1)
-    )
-    return [NOMINAL, *(Offset(float(speed), float(grip)) for speed, grip in scaled)]
+    speeds, grips = 2 * points.T - 1
+    offsets = zip(SPEED_SPREAD_KPH * speeds, 1 + GRIP_SPREAD * grips)
+    return [NOMINAL, *(Offset(float(speed), float(grip)) for speed, grip in offsets)]
 
 
 def check(combination: Row) -> str:

@@ -39,8 +39,8 @@ share = number(float, 'from 0 to 1', 0.0, 1.0)
 
 def add_jobs(parser: argparse.ArgumentParser, constant: str) -> None:
     """Add the option --jobs; `constant` is what it does not change."""
-    text, cores = 'processes (default: one per usable core)', len(os.sched_getaffinity(0))
-    text += f'; does not change {constant}'
+    text = f'processes (default: one per usable core); does not change {constant}'
+    cores = len(os.sched_getaffinity(0))
     parser.add_argument('--jobs', type=positive_count, default=cores, metavar='N', help=text)
 
 

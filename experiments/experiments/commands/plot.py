@@ -45,12 +45,12 @@ def run(options: argparse.Namespace) -> int:
     folder = options.table if options.table.is_dir() else options.table.parent
     stem = options.out or folder / '_over_'.join((options.metric, '_'.join(columns)))
     stem.parent.mkdir(parents=True, exist_ok=True)
-    given = table, options.metric, columns if len(columns) > 1 else columns[0], stem
     if options.surface:
-        paths = result_figures.write_surface(*given)
+        paths = result_figures.write_surface(table, options.metric, columns, stem)
+    elif len(columns) == 2:
+        paths = result_figures.write_map(table, options.metric, columns, stem, options.bins)
     else:
-        write = result_figures.write_marginal, result_figures.write_map
-        paths = write[len(columns) - 1](*given, options.bins)
+        paths = result_figures.write_marginal(table, options.metric, *columns, stem, options.bins)
     for path in paths:
         print_text(Console(), str(path))
     return 0

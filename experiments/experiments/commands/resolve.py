@@ -56,8 +56,9 @@ def run(options: argparse.Namespace) -> int:
     changes = set_option.parse_tick_changes(options.settings)
     console, number = Console(), options.tick
     if number is None:
-        named = {'time': options.time, 'station': options.station, 'event': options.at}
-        chosen = tick_choice.choose(bag, **named)
+        chosen = tick_choice.choose(
+            bag, time=options.time, station=options.station, event=options.at
+        )
         print_text(console, str(chosen))
         number = chosen.number
     answer = resolve.answer(bag, resolve.pose(bag, number), changes, options.sensitivities)

@@ -78,8 +78,8 @@ def check(
     best = max(gains, key=lambda pair: abs(pair[1]))
     unknown = _judge(path, 'yaw_rate over vx steer / L', *best, GAIN, STEER_MISTAKES)
     if 'ay' in signals:
-        found = _gain(vx * r, signals['ay'], turning & (vx > SLOWEST_MPS))
-        unknown += _judge(path, 'ay over vx yaw_rate', *found, AY_GAIN, AY_MISTAKES)
+        measured = _gain(vx * r, signals['ay'], turning & (vx > SLOWEST_MPS))
+        unknown += _judge(path, 'ay over vx yaw_rate', *measured, AY_GAIN, AY_MISTAKES)
     return unknown + _check_lateral_sign(path, t, step, signals, log_map)
 
 

@@ -39,7 +39,7 @@ STYLE += 'text-align:right}td:first-child,th:first-child{text-align:left}img{max
 
 def tables(result: Validation) -> list[tuple[str, list[str], list[list[str]]]]:
     """Return title, columns and rows of a table per manoeuvre, and of the errors ahead."""
-    found = []
+    shown = []
     for m in result.manoeuvres:
         rows = []
         for model, numbers in m.numbers.items():
@@ -54,7 +54,7 @@ def tables(result: Validation) -> list[tuple[str, list[str], list[list[str]]]]:
                 rows.append(row)
         peaks = [head for word in ('greatest', 'least') for head in (word, 'error', 'late [ms]')]
         columns = ['model', 'signal', 'rms / range', *peaks]
-        found.append((f'Through the manoeuvre of {m.log}', columns, rows))
+        shown.append((f'Through the manoeuvre of {m.log}', columns, rows))
     columns = [
         'model',
         '|ay| [m/s²]',
@@ -67,7 +67,7 @@ def tables(result: Validation) -> list[tuple[str, list[str], list[list[str]]]]:
         + [f'{getattr(e, name) * factor:.3g}' for name, (_, factor) in ERRORS.items()]
         for e in sorted(result.errors, key=lambda e: (-e.from_mps2, e.ahead_s))
     ]
-    return [*found, ('Errors ahead of every measured state, rms', columns, rows)]
+    return [*shown, ('Errors ahead of every measured state, rms', columns, rows)]
 
 
 def draw(result: Validation, title: str) -> 'Figure':

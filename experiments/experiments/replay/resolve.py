@@ -118,13 +118,15 @@ def find_sensitivities(problem: Problem) -> tuple[Sensitivity, ...]:
     solution = _solve(precise)
     start = precise.start_from(solution)
     step = np.log1p(STEP) - np.log1p(-STEP)
-    found = []
+    sensitivities = []
     for name, weight in start.weights.items():
         if weight:
             less, more = (_solve(start.scale_weights({name: 1 + s * STEP})) for s in (-1, 1))
             cost, v2o = more.cost - less.cost, more.least_v2o - less.least_v2o
-            found.append(Sensitivity(name, weight, solution.terms[name], cost / step, v2o / step))
-    return tuple(found)
+            sensitivities.append(
+                Sensitivity(name, weight, solution.terms[name], cost / step, v2o / step)
+            )
+    return tuple(sensitivities)
 
 
 def _solve(problem: Problem) -> Solved:

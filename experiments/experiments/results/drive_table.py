@@ -4,7 +4,6 @@ The columns before `error` say which drive it is, those after it what came out. 
 error has no results and is left out.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -106,8 +105,12 @@ def _labels(rows, names):
     return pandas.Series(texts, rows.index, dtype=object)
 
 
-def controllers(table: DriveTable) -> Sequence[str]:
-    """Return the controllers of a table in their order; '' alone where it has no such column."""
-    if CONTROLLER not in table.rows:
-        return ['']
-    return list(dict.fromkeys(table.rows[CONTROLLER]))
+def by_controller(table: DriveTable) -> dict[str, DriveTable]:
+    """Return the drives of each controller, in their order; all under '' without such a column."""
+    rows = table.rows
+    if CONTROLLER not in rows:
+        return {'': table}
+    return {
+        name: table._replace(rows=rows[rows[CONTROLLER] == name].reset_index(drop=True))
+        for name in dict.fromkeys(rows[CONTROLLER])
+    }

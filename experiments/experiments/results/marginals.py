@@ -133,8 +133,8 @@ def _difference(paired, table, rng):
     if len(by_unit) > 1:
         how = {'n_resamples': RESAMPLES, 'confidence_level': CONFIDENCE, 'random_state': rng}
         batch = max(1, 1_000_000 // len(by_unit))
-        found = bootstrap((by_unit,), np.mean, method='percentile', batch=batch, **how)
-        low, high = found.confidence_interval
+        resampled = bootstrap((by_unit,), np.mean, method='percentile', batch=batch, **how)
+        low, high = resampled.confidence_interval
     return {
         'pairs': len(values),
         'mean': float(by_unit.mean()),

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from bags.errors import BagError
 from bags.figures import style
 from experiments.results import drive_table, marginals, success_surface
-from experiments.results.drive_table import CONTROLLER, DriveTable
+from experiments.results.drive_table import DriveTable
 
 COLOURS = 'RdYlBu'  # of shares: red fails, blue holds
 OTHER_COLOURS = 'cividis'
@@ -29,17 +29,17 @@ def write_marginal(
     Shares have their interval of 95 %, numbers the range from the 5th to the 95th percentile, and
     darker from the 25th to the 75th.
     """
-    names = drive_table.controllers(table)
-    colours = style.assign_colours(names)
+    parts = drive_table.by_controller(table)
+    colours = style.assign_colours(list(parts))
     with mpl.rc_context(style.RC):
         figure = Figure(figsize=(6.4, 4.2), layout='constrained')
         axes = figure.subplots()
         is_share, ticks = False, {}
-        for k, name in enumerate(names):
-            summary = marginals.summarise(_rows_of(table, name), metric, [column], bins)
+        for k, (name, part) in enumerate(parts.items()):
+            summary = marginals.summarise(part, metric, [column], bins)
             places = _places(summary[column], ticks)
             is_share = 'share' in summary
-            places = places + (k - (len(names) - 1) / 2) * 0.012 * np.ptp(places)
+            places = places + (k - (len(parts) - 1) / 2) * 0.012 * np.ptp(places)
             look = {'color': colours[name], 'marker': 'o', 'ms': 4, 'label': str(name)}
             if is_share:
                 errors = [summary['share'] - summary['low'], summary['high'] - summary['share']]
@@ -53,8 +53,8 @@ def write_marginal(
         axes.set_ylabel(f'share of drives: {metric}' if is_share else metric)
         if is_share:
             axes.set_ylim(-0.03, 1.03)
-        if names != ['']:
-            figure.legend(loc='outside upper right', ncols=len(names))
+        if [*parts] != ['']:
+            figure.legend(loc='outside upper right', ncols=len(parts))
         return style.save_figure(figure, stem)
 
 
@@ -168,9 +168,8 @@ def write_surface(
         axes.grid(False)
         return mpl.cm.ScalarMappable(mpl.colors.Normalize(0.0, 1.0), COLOURS)
 
-    names = drive_table.controllers(table)
     paths = _panels(table, columns, f'share of drives: {metric}', draw, stem)
-    if len(faults) == len(names):
+    if len(faults) == len(drive_table.by_controller(table)):
         for path in paths:
             path.unlink()
         raise BagError('; '.join(faults))
@@ -180,23 +179,15 @@ def write_surface(
 def _panels(
     table: DriveTable, columns: Sequence[str], title: str, draw: Callable, stem: Path
 ) -> list[Path]:
-    names = drive_table.controllers(table)
+    parts = drive_table.by_controller(table)
     with mpl.rc_context(style.RC):
-        size = (PANEL[0] * len(names) + 0.9, PANEL[1])
+        size = (PANEL[0] * len(parts) + 0.9, PANEL[1])
         figure = Figure(figsize=size, layout='constrained')
-        grid = figure.subplots(1, len(names), squeeze=False, sharex=True, sharey=True)[0]
-        for axes, name in zip(grid, names):
+        grid = figure.subplots(1, len(parts), squeeze=False, sharex=True, sharey=True)[0]
+        for axes, (name, part) in zip(grid, parts.items()):
             axes.set_title(str(name))
             axes.set_xlabel(columns[0])
-            image = draw(axes, _rows_of(table, name), name)
+            image = draw(axes, part, name)
         grid[0].set_ylabel(columns[1])
         figure.colorbar(image, ax=grid, label=title)
         return style.save_figure(figure, stem)
-
-
-def _rows_of(table, controller):
-    """Return the drives of a controller; all of a table without controllers."""
-    if CONTROLLER not in table.rows:
-        return table
-    rows = table.rows[table.rows[CONTROLLER] == controller]
-    return table._replace(rows=rows.reset_index(drop=True))

@@ -99,5 +99,5 @@ def verdict(draw: Row, budget: int, preview: bool) -> str:
     """Return {'answer': ..., 'how': ..., 'rollouts': ...} of a draw as JSON."""
     setups = [drive_row.prepare(draw._replace(controller=c), any_car=True) for c in DRIVERS]
     drivers = [setup.params for setup in setups]
-    found = survivable(setups[0], budget, preview=preview, drivers=drivers)
-    return json.dumps({name: getattr(found, name) for name in ('answer', 'how', 'rollouts')})
+    result = survivable(setups[0], budget, preview=preview, drivers=drivers)
+    return json.dumps({name: getattr(result, name) for name in ('answer', 'how', 'rollouts')})

@@ -43,7 +43,7 @@ class Meeting(NamedTuple):
 def approaches(emergency: Emergency) -> list[Approach]:
     """Return the approaches of all speed profiles; those without braking first."""
     grip = emergency.setup.friction * emergency.setup.plant.car.body.gravity_mps2
-    return [found for share in BRAKING for found in _approaches_at(emergency, share * grip)]
+    return [approach for share in BRAKING for approach in _approaches_at(emergency, share * grip)]
 
 
 def _approaches_at(emergency, braking):
@@ -59,7 +59,7 @@ def _approaches_at(emergency, braking):
     meetings = _meetings(emergency, s)
     stations = course.s[course.s >= max(0.0, s0 - BEHIND_M)]
     speed = np.interp(stations, s, v)
-    for offsets in _choose(course, meetings, s0, n0, v0, width):
+    for offsets in _choose(course, meetings, s0, n0, width):
         n = _line(meetings, offsets, s0, n0, slope, v0, stations)
         yield Approach(course.shifted(stations, n), speed, n, braking)
 
@@ -103,7 +103,7 @@ def _intervals(meeting, course, width):
     return [(low, high) for low, high in free if high - low > width + 0.1]
 
 
-def _choose(course, meetings, s0, n0, v0, width):
+def _choose(course, meetings, s0, n0, width):
     """Return the best sequences of offsets, one per meeting, by lateral change over length."""
     sequences = [(0.0, ())]
     last_s = s0
