@@ -1,5 +1,6 @@
 """The closed loops of the solvers' benchmarks, driven in process without ROS."""
 
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +34,27 @@ class Loop(NamedTuple):
     controller: str  # a file in mpcc_controller/config
     speed: float | None  # m/s, instead of the scenario's
     ticks: range
+
+
+class Noted:
+    """A StageSolver that notes the arguments, iterations and times [s] of its calls."""
+
+    def __init__(self, inner):
+        self.inner = inner
+        self.forget()
+
+    def forget(self):
+        """Begin anew."""
+        self.arguments, self.iterations, self.seconds = [], [], []
+
+    def solve(self, *arguments):
+        """See `StageSolver.solve`."""
+        began = time.perf_counter()
+        found = self.inner.solve(*arguments)
+        self.seconds.append(time.perf_counter() - began)
+        self.arguments.append(arguments)
+        self.iterations.append(found.iterations)
+        return found
 
 
 ALL = range(10**6)

@@ -25,15 +25,12 @@ FIRST_SEED = 9200
 def table(count: int) -> str:
     """Fit `count` logs, and return how many intervals hold the truth."""
     car = car_file.read('car.yaml')
-    fits = [
-        single_track_fit.fit([single_track_log(car, FIRST_SEED + k)], car) for k in range(count)
-    ]
+    logs = [single_track_log(car, FIRST_SEED + k) for k in range(count)]
+    fits = [single_track_fit.fit([log], car) for log in logs]
     rows = []
     for name, truth in TRUTH.items():
-        values, half = (
-            np.array([f[name] for f in part])
-            for part in ([fit.values for fit in fits], [fit.half_widths for fit in fits])
-        )
+        values = np.array([fit.values[name] for fit in fits])
+        half = np.array([fit.half_widths[name] for fit in fits])
         inside = int(np.sum(np.abs(values - truth) <= half))
         rows.append((name, f'{truth:g}', f'{values.mean():.4g}', f'{half.mean():.2g}', str(inside)))
     return markdown(f'of {count} noisy logs', ('parameter', 'truth', 'mean', '±', 'inside'), rows)

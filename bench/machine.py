@@ -4,8 +4,8 @@ import os
 import platform
 import subprocess
 from pathlib import Path
-from typing import NamedTuple
 
+import numpy as np
 import psutil
 
 from node_runtime import provenance
@@ -15,23 +15,14 @@ GOVERNOR = Path('/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor')
 UNKNOWN = 'not readable'
 
 
-class CpuTimes(NamedTuple):
-    """Times of all processors, since the start or between two samples."""
+def cpu_times() -> np.ndarray:
+    """Return the times [s] since the start that all processors were busy, and that were stolen.
 
-    busy_s: float  # used by processes of this machine
-    stolen_s: float  # requested by this virtual machine, used by others on its host
-
-    def since(self, before: 'CpuTimes') -> 'CpuTimes':
-        """Return the times since an earlier sample."""
-        return CpuTimes(*(now - then for now, then in zip(self, before)))
-
-
-def cpu_times() -> CpuTimes:
-    """Return the times since the start."""
+    Stolen: requested by this virtual machine, and used by others on its host.
+    """
     now = psutil.cpu_times()
-    return CpuTimes(
-        now.user + now.nice + now.system + now.irq + now.softirq, getattr(now, 'steal', 0.0)
-    )
+    busy = now.user + now.nice + now.system + now.irq + now.softirq
+    return np.array([busy, getattr(now, 'steal', 0.0)])
 
 
 def pin() -> str:

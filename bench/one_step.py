@@ -4,16 +4,14 @@
 state, input and numbers of stage 0 at every tick.
 """
 
-import time
 from collections.abc import Callable, Iterable
 
 import closed_loops
 import numpy as np
-from closed_loops import FULL, Loop
+from closed_loops import FULL, Loop, Noted
 from tables import markdown, number
 
 from mpcc_controller.parameters import ControllerParams
-from stage_solver.solver import StageSolver
 
 # whatever comes of the first step
 ENDLESS = {'one_step_residual': 1.0, 'one_step_decrease': 1e3}
@@ -26,23 +24,7 @@ SCHEMES = {
 }
 
 
-class Timed:
-    """A StageSolver that notes its iterations and times."""
-
-    def __init__(self, inner: StageSolver):
-        self.inner = inner
-        self.iterations, self.seconds = [], []
-
-    def solve(self, *arguments):
-        """See `StageSolver.solve`."""
-        began = time.perf_counter()
-        found = self.inner.solve(*arguments)
-        self.seconds.append(time.perf_counter() - began)
-        self.iterations.append(found.iterations)
-        return found
-
-
-def table(params: ControllerParams, track: Callable[..., Iterable]) -> str:
+def table(track: Callable[..., Iterable]) -> str:
     """Return the drives of every loop in every scheme."""
     rows = []
     for loop in track(FULL, description='driving with one step per tick'):
@@ -51,14 +33,10 @@ def table(params: ControllerParams, track: Callable[..., Iterable]) -> str:
         converged = np.nansum(drives['converged'][0])
         for name, (costs, ms, more, prepared_ms) in drives.items():
             cost = np.nansum(costs)
-            rows.append(
-                (
-                    *(loop.name, name, number(cost), f'{100 * (cost / converged - 1):+.2f} %'),
-                    *(number(np.median(ms)), number(ms.max()), f'{100 * more.mean():.1f} %'),
-                    number(ms[more].mean() if more.any() else 0.0),
-                    *(number(np.median(prepared_ms)), len(costs), int(np.isnan(costs).sum())),
-                )
-            )
+            row = [loop.name, name, number(cost), f'{100 * (cost / converged - 1):+.2f} %']
+            row += [number(np.median(ms)), number(ms.max()), f'{100 * more.mean():.1f} %']
+            row += [number(ms[more].mean() if more.any() else 0.0), number(np.median(prepared_ms))]
+            rows.append([*row, len(costs), int(np.isnan(costs).sum())])
     columns = ('loop', 'scheme', 'cost', 'difference', 'median', 'max', 'iterations > 1')
     columns += ('their mean', 'after the command', 'ticks', 'without a plan')
     title = 'Closed loops: one step per tick against converged (ms from state to plan)'
@@ -76,22 +54,17 @@ def driven(loop: Loop, params: ControllerParams, settings: dict) -> tuple[np.nda
     params = closed_loops.with_solver(params, **settings)
     controller = closed_loops.make_controller(params, scn.friction)
     parts = controller.parts
-    timed, costs, prepared_s = Timed(parts.solvers.followed), [], []
-    iterations, seconds = [], []
-    parts.solvers.followed = timed
+    noted = parts.solvers.followed = Noted(parts.solvers.followed)
+    costs, prepared_s, iterations, seconds = [], [], [], []
     for _ in closed_loops.drive(scn, controller):
         plan, solved = controller.memory.plans.plan, controller.memory.solved
         stage_cost, cost = parts.model.problem.stage_cost, np.nan
         if plan is not None:
             cost = float(stage_cost(plan.X[0], plan.U[0], solved.problem.parameters.P[0]))
         costs.append(cost)
-        iterations += timed.iterations
-        seconds += timed.seconds
+        iterations += noted.iterations
+        seconds += noted.seconds
         prepared_s.append(controller.prepare())
-        timed.iterations, timed.seconds = [], []  # those of the preparation are counted separately
-    return (
-        np.array(costs),
-        1e3 * np.array(seconds),
-        np.array(iterations) > 1,
-        1e3 * np.array(prepared_s),
-    )
+        noted.forget()  # those of the preparation are counted separately
+    ms, prepared_ms = 1e3 * np.array(seconds), 1e3 * np.array(prepared_s)
+    return np.array(costs), ms, np.array(iterations) > 1, prepared_ms

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import closed_loops
 import numpy as np
-from closed_loops import Loop
+from closed_loops import Loop, Noted
 
 from mpcc_controller.driving import guesses, tick_solvers
 from mpcc_controller.driving.controller import Controller
@@ -59,19 +59,6 @@ class Task(NamedTuple):
     start: Plan
 
 
-class Recorder:
-    """A StageSolver that keeps the arguments of its last call."""
-
-    def __init__(self, inner):
-        self.inner = inner
-        self.last = None
-
-    def solve(self, *arguments):
-        """Solve, and keep the arguments."""
-        self.last = arguments
-        return self.inner.solve(*arguments)
-
-
 def record(loops: Iterable[Loop]) -> list[Posed]:
     """Drive the loops and return their problems; equal loops give equal problems."""
     random = np.random.default_rng(POP_UP_SEED)
@@ -85,13 +72,15 @@ def _recorded(loop, random) -> Iterator[Posed]:
     parts, model = controller.parts, controller.params.model
     options = tick_solvers.solver_options(params, limit_time=False)
     solver = ReferenceSolver(parts.model.problem, RECORDING_SOLVER, options)
-    recorder = parts.solvers.followed = Recorder(solver)
+    noted = parts.solvers.followed = Noted(solver)
     for number, _ in enumerate(closed_loops.drive(scn, controller)):
         if number >= loop.ticks.stop:
             return
-        (x0, P, bounds, start), recorder.last = recorder.last or (None,) * 4, None
-        if x0 is None or controller.memory.plans.plan is None or number not in loop.ticks:
+        calls = noted.arguments
+        noted.forget()
+        if not calls or controller.memory.plans.plan is None or number not in loop.ticks:
             continue
+        x0, P, bounds, start = calls[-1]
         cold = guesses.from_path(
             controller.scene.path, State(*x0), controller.car, model.horizon, model.step_s
         )

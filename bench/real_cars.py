@@ -70,11 +70,9 @@ def judge(car: str, folder: Path, files: dict, out: Path) -> str:
             fitted.append((name, key, f'{value:.5g}', half, told))
         rows = fit_report.errors(known.car, fit, logs, held_out)
         vehicle = fit_report.fitted_car(known.car, fit)
-        stem = (
-            out / f'car_{car}{"" if not additions and not fixed else "_" + name.replace(" ", "_")}'
-        )
+        first = not additions and not fixed
+        stem = out / f'car_{car}{"" if first else "_" + name.replace(" ", "_")}'
         fit_report.write_car(stem.with_suffix('.yaml'), known.car, fit, rows)
-        first = name == next(iter(VARIANTS))
         found = validation.validate(held_out, vehicle, fit, plant if first else None)
         if first:
             fit_report.draw(known.car, fit, logs, held_out).savefig(stem.with_suffix('.png'))
@@ -83,38 +81,20 @@ def judge(car: str, folder: Path, files: dict, out: Path) -> str:
         for m in found.manoeuvres:
             models = m.numbers if first else {wanted: m.numbers[wanted]}
             for model, n in models.items():
-                label = name if model == wanted else model
-                manoeuvres.append((m.log, label, *_cells(n)))
+                manoeuvres.append((m.log, name if model == wanted else model, *_cells(n)))
         for e in found.errors:
             if e.from_mps2 >= LIMIT_MPS2 and (first or e.model == wanted):
                 numbers = f'{e.vy:.2f}', f'{np.degrees(e.r):.1f}', f'{e.position:.2f}'
                 label = name if e.model == wanted else e.model
                 ahead.append((label, f'{e.ahead_s:g} s', str(e.starts), *numbers))
-    titles = (
-        'log',
-        'model',
-        'yaw rate',
-        'ay',
-        'vy',
-        'r peaks',
-        'late [ms]',
-        'ay peaks',
-        'slip peaks [deg]',
-    )
-    return '\n\n'.join(
-        (
-            f'## {car}',
-            markdown('fit', ('variant', 'parameter', 'value', '95 %', ''), fitted),
-            markdown(
-                'held-out manoeuvre from its first state: rms over range, peaks', titles, manoeuvres
-            ),
-            markdown(
-                f'held out, above {LIMIT_MPS2:g} m/s²: rms errors ahead of every state',
-                ('model', 'ahead', 'starts', 'vy [m/s]', 'yaw rate [deg/s]', 'position [m]'),
-                ahead,
-            ),
-        )
-    )
+    head = ('log', 'model', 'yaw rate', 'ay', 'vy')
+    head += ('r peaks', 'late [ms]', 'ay peaks', 'slip peaks [deg]')
+    title = 'held-out manoeuvre from its first state: rms over range, peaks'
+    parts = [f'## {car}', markdown('fit', ('variant', 'parameter', 'value', '95 %', ''), fitted)]
+    parts.append(markdown(title, head, manoeuvres))
+    head = ('model', 'ahead', 'starts', 'vy [m/s]', 'yaw rate [deg/s]', 'position [m]')
+    title = f'held out, above {LIMIT_MPS2:g} m/s²: rms errors ahead of every state'
+    return '\n\n'.join([*parts, markdown(title, head, ahead)])
 
 
 def _cells(n):

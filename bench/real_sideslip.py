@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.measured import fit_report, log_map, log_readers, measured_log
+from experiments.measured import fit_report, log_map, measured_log
 from experiments.measured.single_track_fit import Fit
 from msgs_yaml.types import Chassis, Gnss, Imu
 from node_runtime import node_parameters, parameters
@@ -89,7 +89,7 @@ def messages(signals: dict[str, np.ndarray], known: log_map.LogMap, fit: Fit):
 def compare(car: str, path: Path, fit: Fit, begin: float = 0.0, end: float = 1.0) -> dict:
     """Return rms and greatest errors [deg] by method, between two shares of the time."""
     known = log_map.load(MAPS / f'{car}.yaml')
-    signals = log_readers.read(path, known)
+    signals = measured_log.read(path, known)
     t = signals['time'] - signals['time'][0]
     part = (t >= begin * t[-1]) & (t <= end * t[-1]) & np.append(True, np.diff(t) > 0)
     moving = np.cumsum(part & (signals['vx'] > LEAST_MPS)) > 0  # begins on the move

@@ -18,6 +18,7 @@ import tempfile
 from pathlib import Path
 
 import machine
+import numpy as np
 import yaml
 from rich.console import Console
 from tables import markdown
@@ -99,7 +100,7 @@ def targets(found: dict) -> list[tuple[str, float | None, float]]:
     ]
 
 
-def page(found: dict, options: argparse.Namespace, spent: machine.CpuTimes | None) -> str:
+def page(found: dict, options: argparse.Namespace, spent: np.ndarray) -> str:
     """Return the figures as Markdown."""
 
     def text(value, decimals):
@@ -113,10 +114,11 @@ def page(found: dict, options: argparse.Namespace, spent: machine.CpuTimes | Non
         f'{ticks["count"]} ticks, {ticks["missed"]} missed, {ticks["blind"]} commands without a '
         'state.\n'
     )
-    if spent:
+    if not options.bag:
+        busy_s, stolen_s = spent
         head += (
-            f'The processors were busy for {spent.busy_s:.0f} s meanwhile, everything counted; '
-            f'{spent.stolen_s:.1f} s more were wanted and not given by the host of this machine.\n'
+            f'The processors were busy for {busy_s:.0f} s meanwhile, everything counted; '
+            f'{stolen_s:.1f} s more were wanted and not given by the host of this machine.\n'
         )
     names = list(bag_summary.QUANTILES)
     rows = {**found['parts_ms'], 'between two commands': found['interval_ms']}
@@ -158,7 +160,7 @@ def main() -> int:
     before = machine.cpu_times()
     with tempfile.TemporaryDirectory() as folder:
         bag = options.bag or drive(options, Path(folder))
-        spent = None if options.bag else machine.cpu_times().since(before)
+        spent = machine.cpu_times() - before
         found = bag_summary.timing_report(read.load(bag))
     timing.show(found, Console())
     if found['ticks']['count'] < MIN_SHARE * options.ticks and not options.bag:

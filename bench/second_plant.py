@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from tables import markdown
 
 from bags.evaluation import metrics
 from experiments import simulation
@@ -75,21 +76,17 @@ def _perform(name, car):
 
 def manoeuvre_table(driven: dict[str, dict[str, Driven]]) -> str:
     """Return the numbers of both plants."""
-    lines = ['| number | double track | multi-body |', '|---|---|---|']
+    rows = []
     for name, numbers in NUMBERS.items():
         for key, label, decimals in numbers:
             values = (driven[name][plant].numbers[key].value for plant in PLANTS)
-            lines.append(f'| {label} | {" | ".join(f"{v:.{decimals}f}" for v in values)} |')
-    return '\n'.join(lines)
+            rows.append((label, *(f'{value:.{decimals}f}' for value in values)))
+    return markdown('Manoeuvres', ('number', *PLANTS), rows)
 
 
 def closed_loop_table() -> str:
     """Return what the controllers come to in the double lane change on both plants."""
-    lines = [
-        '| speed, controller | plant | sideslip [deg] | lateral [m/s²] | obstacles [m] | '
-        'off the road [m] | CPU [s] |',
-        '|---|---|---|---|---|---|---|',
-    ]
+    rows = []
     for speed in SPEEDS_KPH:
         for controller in CONTROLLERS:
             for plant, car in PLANTS.items():
@@ -99,16 +96,12 @@ def closed_loop_table() -> str:
                 drive = simulation.drive(setup)
                 cpu_s = time.process_time() - begin
                 found = metrics.compute_metrics(drive)
-                off = max(-found['min_v2e_m'], 0.0)
-                cells = (
-                    f'{found["peak_sideslip_deg"]:.1f}',
-                    f'{found["peak_lat_acc_mps2"]:.1f}',
-                    f'{found["min_v2o_m"]:.2f}',
-                    f'{off:.2f}',
-                    f'{cpu_s:.2f}',
-                )
-                lines.append(f'| {speed:g}, `{controller}` | {plant} | {" | ".join(cells)} |')
-    return '\n'.join(lines)
+                peaks = found['peak_sideslip_deg'], found['peak_lat_acc_mps2']
+                gaps = found['min_v2o_m'], max(-found['min_v2e_m'], 0.0)
+                texts = [*(f'{peak:.1f}' for peak in peaks), *(f'{x:.2f}' for x in (*gaps, cpu_s))]
+                rows.append((f'{speed:g}, `{controller}`', plant, *texts))
+    columns = ('speed, controller', 'plant', 'sideslip [deg]', 'lateral [m/s²]', 'obstacles [m]')
+    return markdown('Closed loops', (*columns, 'off the road [m]', 'CPU [s]'), rows)
 
 
 def draw(driven: dict[str, dict[str, Driven]]) -> Figure:
@@ -122,26 +115,15 @@ def draw(driven: dict[str, dict[str, Driven]]) -> Figure:
         (track,) = driven['step_steer'][plant].tracks
         t = manoeuvres.times(track) - 1.0
         (line,) = step.plot(t, np.degrees(track.column('planar.r')), label=f'{plant}: yaw rate')
-        step.plot(
-            t,
-            2 * track.column('acceleration.ay'),
-            '--',
-            color=line.get_color(),
-            label='2 x lateral acceleration',
-        )
+        colour, ay = line.get_color(), 2 * track.column('acceleration.ay')
+        step.plot(t, ay, '--', color=colour, label='2 x lateral acceleration')
         track = driven['turn_braking'][plant].tracks[-3]
         braking.plot(manoeuvres.times(track), np.degrees(track.column('planar.r')), label=plant)
         runs = driven['sine_with_dwell'][plant]
         for amplitude, style in ((3, '-'), (6, '--')):
             track = runs.tracks[amplitude]
-            label = f'{plant}: {runs.runs[amplitude].label}'
-            dwell.plot(
-                manoeuvres.times(track),
-                np.degrees(track.column('planar.r')),
-                style,
-                color=line.get_color(),
-                label=label,
-            )
+            label, r = f'{plant}: {runs.runs[amplitude].label}', track.column('planar.r')
+            dwell.plot(manoeuvres.times(track), np.degrees(r), style, color=colour, label=label)
     step.set_xlim(-0.2, 2.0)
     circle.set_xlim(0.0, SLIDING_DEG)
     circle.set_ylim(0.0, None)
@@ -173,7 +155,7 @@ def main() -> None:
     if options.without:
         leave_out(options.without)
     driven = perform(tuple(NUMBERS))
-    print(manoeuvre_table(driven), '\n', sep='')
+    print(manoeuvre_table(driven))
     if options.figure:
         draw(driven).savefig(options.figure, dpi=90, metadata={'Software': None})
     if not options.without:

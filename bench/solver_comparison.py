@@ -286,7 +286,7 @@ def main() -> None:
         chosen = available(params)
         parts = texts(compare(given, problem, params, chosen, passes, progress.track))
         if not options.quick:
-            parts += [start_up(params), one_step.table(params, progress.track)]
+            parts += [start_up(params), one_step.table(progress.track)]
     lines = '\n'.join(f'- {name}: {value}' for name, value in facts.items())
     head = (
         f'# Solvers\n\nMade by `make bench`: {len(given)} problems, {passes} passes.\n\n{lines}\n'

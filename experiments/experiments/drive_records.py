@@ -19,7 +19,7 @@ KEY, RESULTS = 'key', 'results'
 LINES = 10  # of progress where there is no terminal
 
 
-class DriveRecords:
+class DriveRecords(dict[str, str]):
     """A context: the results of finished drives, as JSON by key, in `folder`/drives.jsonl.
 
     Entering it raises BagError while another program writes the file.
@@ -28,7 +28,6 @@ class DriveRecords:
     def __init__(self, folder: Path):
         self.path = folder / FILE
         self.damaged = 0  # lines of the file that are no records
-        self._results: dict[str, str] = {}
 
     def __enter__(self):
         self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -48,23 +47,13 @@ class DriveRecords:
             end += len(line)
             try:
                 record = json.loads(line)
-                self._results[record[KEY]] = json.dumps(record[RESULTS])
+                self[record[KEY]] = json.dumps(record[RESULTS])
             except (ValueError, KeyError, TypeError):
                 self.damaged += 1
         return self
 
     def __exit__(self, *error):
         self._file.close()
-
-    def __contains__(self, key: str) -> bool:
-        return key in self._results
-
-    def __getitem__(self, key: str) -> str:
-        return self._results[key]
-
-    def get(self, key: str, default: str) -> str:
-        """Return the results of a drive, or a default without any."""
-        return self._results.get(key, default)
 
     def add(self, key: str, results: str) -> None:
         """Keep the results of a drive, a JSON object. Raises BagError when the disk is full."""
@@ -75,7 +64,7 @@ class DriveRecords:
             reason = error.strerror
         if reason:
             raise BagError(f'{self.path}: {reason}; the drives before this one are kept')
-        self._results[key] = results
+        self[key] = results
 
 
 def record_each(

@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from rich.table import Table
-from rich.text import Text
 
 from bags.errors import BagError
 from bags.evaluation.metrics import METRICS
 from bags.evaluation.metrics.registry import flatten
+from experiments import console
 from msgs_yaml.strict_yaml import closest
 from scenario_publisher.expectations import Expectation, Expectations
 
@@ -48,13 +48,12 @@ def judge(expect: Expectations, metrics: Mapping[str, Any]) -> list[Outcome]:
 
 def build_table(outcomes: Sequence[tuple[str, Outcome]]) -> Table:
     """Return a table of (name of the run, outcome)."""
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for column in ('run', 'expected', '', 'measured', ''):
-        table.add_column(column, overflow='fold')
+    words, rows = {True: 'yes', False: 'no', None: '–'}, []
     for run, outcome in outcomes:
         expectation = outcome.expectation
-        verdict = Text('as expected', 'green') if outcome.is_met else Text('NOT MET', 'bold red')
-        value, words = outcome.measured, {True: 'yes', False: 'no', None: '–'}
+        verdict = '[green]as expected[/]' if outcome.is_met else '[bold red]NOT MET[/]'
+        value = outcome.measured
         text = words[value] if isinstance(value, bool | None) else f'{value:.3g}'
-        table.add_row(run, expectation.metric, expectation.describe(), text, verdict)
-    return table
+        rows.append((run, expectation.metric, expectation.describe(), text, verdict))
+    columns = ('run', 'expected', '', 'measured', '')
+    return console.table(columns, rows, left=columns, overflow='fold')

@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Callable
 from functools import cache, lru_cache
 from pathlib import Path
 
@@ -46,21 +47,32 @@ def held_lateral_limit(plant: PlantParams, friction: float) -> float | None:
 
 @lru_cache(maxsize=256)
 def _limit_at(plant, step):
+
+    def find():
+        try:
+            return json.dumps(lateral_limit(plant, step / GRID))
+        except CircleError:
+            return json.dumps(None)
+
     content = '\0'.join((identify.digest(plant), f'{step:g}', _sources()))
-    file = compile_cache.cache_dir() / 'lateral_limits' / f'{provenance.digest(content)}.json'
-    if file.is_file():
-        return json.loads(file.read_text())
-    try:
-        limit = lateral_limit(plant, step / GRID)
-    except CircleError:
-        limit = None
-    file.parent.mkdir(parents=True, exist_ok=True)
-    # written whole or not at all, also when another process writes the same limit; other users of
-    # the folder may read it, unlike a file of `tempfile`
-    part = file.with_suffix(f'.{os.getpid()}.part')
-    part.write_text(json.dumps(limit))
-    os.replace(part, file)
-    return limit
+    return json.loads(kept_text('lateral_limits/{}.json', content, find).read_text())
+
+
+def kept_text(name: str, content: str, make: Callable[[], str]) -> Path:
+    """Return a file beside the compiled solvers with the text of `make()`, made where it is not.
+
+    The digest of `content`, all that decides the text, is put into the `name`.
+    """
+    file = compile_cache.cache_dir() / name.format(provenance.digest(content))
+    if not file.is_file():
+        text = make()
+        file.parent.mkdir(parents=True, exist_ok=True)
+        # written whole or not at all, also when another process writes the same text; other users
+        # of the folder may read it, unlike a file of `tempfile`
+        part = file.with_suffix(f'.{os.getpid()}.part')
+        part.write_text(text)
+        os.replace(part, file)
+    return file
 
 
 @cache

@@ -143,13 +143,8 @@ class Pool:
             for future in sent:
                 future.cancel()
 
-    def run(
-        self,
-        function: Callable,
-        tasks: Iterable[tuple],
-        on_done: Callable[[], object] = lambda: None,
-    ) -> list[Any]:
-        """Return function(*task) for every task, in their order; call `on_done()` after each.
+    def run(self, function: Callable, tasks: Iterable[tuple]) -> list[Any]:
+        """Return function(*task) for every task, in their order.
 
         Raises the exception of the first task that fails.
         """
@@ -158,7 +153,6 @@ class Pool:
             if finished.error:
                 raise finished.error
             values[finished.number] = finished.value
-            on_done()
         return [values[number] for number in sorted(values)]
 
     def _submit(self, task, limit_s):
@@ -294,9 +288,7 @@ def _do(command, check, task, limit_s):
     """Do a task in a process of a command; return the answer, pickled."""
     own = _processes.setdefault(command, _Processes())
     try:
-        process = _idle(own)
-        if process is None and not own.has_left:
-            process = _start(own, check)
+        process = _idle(own) or (None if own.has_left else _start(own, check))
     except (OSError, RefusedError) as error:
         return pickle.dumps((None, RefusedError(str(error)), ''))
     if own.has_left:

@@ -126,8 +126,3 @@ def test_speed_and_friction_of_the_scenario_may_be_set():
     setup = drive_row.prepare(Row('double_lane_change', 'mpcc', settings))
     assert setup.scn.start.speed == pytest.approx(19.0)
     assert setup.friction == setup.params.model.friction == 0.7
-
-
-def test_a_setting_of_no_node_of_a_drive_is_named():
-    with pytest.raises(BagError, match=r"unknown name 'recorder.out'; allowed controller.*scen"):
-        drive_row.prepare(ROAD._replace(settings=(('recorder.out', 'x'),)))

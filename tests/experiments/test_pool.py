@@ -119,9 +119,7 @@ def test_a_pool_that_cannot_begin_says_why(monkeypatch):
         patched.setattr(sys, 'executable', '/bin/false')
         with Pool(1) as pool, pytest.raises(BagError, match=r'cannot start .* exit code 1'):
             pool.run(eval, [('1',)])
-    monkeypatch.setattr('experiments.pool.CONNECT_S', 0.2)
-    with pytest.raises(BagError, match='no scheduler answers'):
-        Pool(1, 'tcp://127.0.0.1:9', same).__enter__()
+    # no scheduler: test_run_batch.py
     monkeypatch.setitem(sys.modules, 'distributed', None)
     with pytest.raises(BagError, match='pip install distributed'):
         Pool(1, 'tcp://127.0.0.1:9', same).__enter__()

@@ -13,10 +13,6 @@ from experiments.statistical_inference import paired_interval, wilson_interval
 Z = norm.ppf(0.975)  # of 95 %, both sides
 
 
-def test_without_a_trial_nothing_is_known():
-    assert wilson_interval(0, 0) == (0.0, 1.0)
-
-
 def score(only_first, only_second, pairs, difference):
     """Return by how many standard deviations a difference of two shares misses the found one.
 
@@ -48,5 +44,6 @@ def test_a_paired_interval_holds_the_difference_turns_around_and_has_a_width(cou
     assert high - low > 0.5 / math.sqrt(pairs + 4)
 
 
-def test_without_a_pair_every_difference_is_possible():
+def test_without_a_trial_or_a_pair_nothing_is_known():
+    assert wilson_interval(0, 0) == (0.0, 1.0)
     assert paired_interval(0, 0, 0) == (-1.0, 1.0)

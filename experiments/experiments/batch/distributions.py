@@ -115,10 +115,7 @@ def sample(
         warnings.filterwarnings('ignore', 'The balance properties', UserWarning)
         shares = points.random(count)
     return [
-        {
-            name: distribution.value(float(share))
-            for (name, distribution), share in zip(distributions.items(), row)
-        }
+        {name: own.value(float(share)) for (name, own), share in zip(distributions.items(), row)}
         for row in shares
     ]
 

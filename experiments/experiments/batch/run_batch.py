@@ -10,6 +10,7 @@ from rich.table import Table
 
 from bags.errors import BagError
 from experiments import code_version, drive_row, row_runner
+from experiments import console as tables
 from experiments.batch import study_file, study_rows
 from experiments.batch.study_file import StudyFile
 from experiments.drive_row import Pairs, Row
@@ -97,16 +98,13 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> Table:
 
     The draws of a family count as one scenario.
     """
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for name in ('scenario', 'controller'):
-        table.add_column(name, overflow='fold', min_width=len(name))
-    for name in ('drives', *(share.replace('_', '\n') for share in SHARES)):
-        table.add_column(name, justify='right', min_width=max(map(len, name.split())))
+    texts = []
     frame = pandas.DataFrame(rows)
     frame['road'] = frame['family'].fillna(frame['scenario'])
     for pair, drives in frame.groupby(['road', 'controller'], sort=False):
         driven = drives[drives['error'] == '']
         count = f'{len(driven):,}' + ('' if len(driven) == len(drives) else f' of {len(drives):,}')
         shares = (f'{driven[name].mean():.1%}' if len(driven) else '–' for name in SHARES)
-        table.add_row(*pair, count, *shares)
-    return table
+        texts.append([*pair, count, *shares])
+    columns = 'scenario', 'controller', 'drives', *(share.replace('_', '\n') for share in SHARES)
+    return tables.table(columns, texts, left=columns[:2], overflow='fold', min_width=9)

@@ -17,6 +17,7 @@ seed: 1
 import glob
 import os
 from collections.abc import Sequence
+from math import prod
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, get_args
 
@@ -90,10 +91,8 @@ class StudyFile(NamedTuple):
         """The number of drives."""
         roads = len(self.scenarios) * (len(self.draws) if self.drawn else 1)
         roads += len(self.families) * len(self.draws)
-        count = roads * len(self.controllers) * self.runs
-        for setting in self.settings:
-            count *= len(setting.values)
-        return count
+        values = prod(len(setting.values) for setting in self.settings)
+        return roads * len(self.controllers) * self.runs * values
 
 
 def load(path: Path) -> StudyFile:
@@ -140,25 +139,24 @@ def _parse(path, root):
         )
     return StudyFile(
         path,
-        path.read_text(encoding='utf-8'),
-        _expand(path.parent, members.get('scenarios'), values.get('scenarios', ())),
-        values.get('families', ()),
-        values.get('difficulty', NOMINAL),
-        _expand(path.parent, members['controllers'], values['controllers']),
-        tuple(settings),
-        drawn,
-        _draws(root, members, values),
-        values.get('runs', 1),
-        values.get('seed', SEED),
+        text=path.read_text(encoding='utf-8'),
+        scenarios=_expand(path.parent, members.get('scenarios'), values.get('scenarios', ())),
+        families=values.get('families', ()),
+        difficulty=values.get('difficulty', NOMINAL),
+        controllers=_expand(path.parent, members['controllers'], values['controllers']),
+        settings=tuple(settings),
+        drawn=drawn,
+        draws=_draws(root, members, values),
+        runs=values.get('runs', 1),
+        seed=values.get('seed', SEED),
     )
 
 
 def _draws(root, members, values):
     """Return the numbers of the draws. Raises YamlError where they are missing or without use."""
     if not {'scenarios', 'families'} & members.keys():
-        raise root._replace(key='scenarios').error(
-            'is missing; allowed scenarios, families or both'
-        )
+        error = root._replace(key='scenarios').error
+        raise error('is missing; allowed scenarios, families or both')
     if 'difficulty' in members and 'families' not in members:
         raise members['difficulty'].error('has no effect without families')
     if 'draw' in members or 'families' in members:
@@ -195,8 +193,7 @@ def _parse_drawn(item):
     distribution = distributions.parse(item)
     if name in SCENARIO_SETTINGS:
         kind, rule = get_args(SCENARIO_SETTINGS[name])
-        for end in distribution.ends:
-            fault = Leaf(kind, False, rule).fault(end)
+        for fault in map(Leaf(kind, False, rule).fault, distribution.ends):
             if fault:
                 raise item.error(fault)
     return Drawn(name, distribution, item)

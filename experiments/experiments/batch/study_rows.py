@@ -38,19 +38,12 @@ def combine(study: StudyFile) -> list[Row]:
     except BagError as error:
         raise BagError(f'{study.path}: controllers: {error}') from None
     names = [setting.name for setting in study.settings]
+    values = [setting.values for setting in study.settings]
+    roads = (*study.scenarios, *(f'{family}:0' for family in study.families))
+    drawn = study.seed, study.difficulty
     return [
-        Row(
-            road,
-            controller.name_or_path,
-            tuple(zip(names, chosen)),
-            study.seed,
-            study.difficulty,
-        )
-        for road, controller, *chosen in product(
-            (*study.scenarios, *(f'{family}:0' for family in study.families)),
-            controllers,
-            *(setting.values for setting in study.settings),
-        )
+        Row(road, controller.name_or_path, tuple(zip(names, chosen)), *drawn)
+        for road, controller, *chosen in product(roads, controllers, *values)
     ]
 
 
@@ -86,15 +79,9 @@ def draw_offsets(runs: int, seed: int) -> list[Offset]:
 
     shift = np.random.default_rng(seed).random(2)
     points = (qmc.Halton(d=2, scramble=False).random(runs - 1) + shift) % 1.0
-    return [
-        NOMINAL,
-        *(
-            Offset(
-                float(SPEED_SPREAD_KPH * (2 * speed - 1)), float(1 + GRIP_SPREAD * (2 * grip - 1))
-            )
-            for speed, grip in points
-        ),
-    ]
+    speeds, grips = 2 * points.T - 1
+    offsets = zip(SPEED_SPREAD_KPH * speeds, 1 + GRIP_SPREAD * grips)
+    return [NOMINAL, *(Offset(float(speed), float(grip)) for speed, grip in offsets)]
 
 
 def check(combination: Row) -> str:

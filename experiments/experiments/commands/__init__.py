@@ -39,56 +39,34 @@ share = number(float, 'from 0 to 1', 0.0, 1.0)
 
 def add_jobs(parser: argparse.ArgumentParser, constant: str) -> None:
     """Add the option --jobs; `constant` is what it does not change."""
-    parser.add_argument(
-        '--jobs',
-        type=positive_count,
-        default=len(os.sched_getaffinity(0)),
-        metavar='N',
-        help=f'processes (default: one per usable core); does not change {constant}',
-    )
+    text = f'processes (default: one per usable core); does not change {constant}'
+    cores = len(os.sched_getaffinity(0))
+    parser.add_argument('--jobs', type=positive_count, default=cores, metavar='N', help=text)
 
 
 def add_dask(parser: argparse.ArgumentParser) -> None:
     """Add the option --dask."""
-    parser.add_argument(
-        '--dask',
-        default='',
-        metavar='ADDRESS',
-        help='of a dask scheduler, as tcp://10.0.0.1:8786, whose workers do the drives; '
-        'instead of --jobs (docs/batch.md)',
-    )
+    text = 'of a dask scheduler, as tcp://10.0.0.1:8786, whose workers do the drives; instead of '
+    text += '--jobs (docs/batch.md)'
+    parser.add_argument('--dask', default='', metavar='ADDRESS', help=text)
 
 
 def add_table(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of a command that reads a table of drives."""
     parser.add_argument('table', type=Path, metavar='DIR', help='of the table, or its Parquet file')
-    parser.add_argument(
-        '--metric',
-        default='survived',
-        metavar='NAME',
-        help='a column of the table (default: survived)',
-    )
-    parser.add_argument(
-        '--bins',
-        type=positive_count,
-        default=5,
-        metavar='N',
-        help='intervals for a column of many numbers (default: 5)',
-    )
+    text = 'a column of the table (default: survived)'
+    parser.add_argument('--metric', default='survived', metavar='NAME', help=text)
+    text = 'intervals for a column of many numbers (default: 5)'
+    parser.add_argument('--bins', type=positive_count, default=5, metavar='N', help=text)
 
 
 def add_time_limit(
     parser: argparse.ArgumentParser, option: str, default_s: float, then: str
 ) -> None:
     """Add the option of a limit of wall time [s]; `then` is what happens after it."""
-    parser.add_argument(
-        option,
-        type=positive_number,
-        default=default_s,
-        dest='time_limit_s',
-        metavar='S',
-        help=f'wall time after which {then} (default: {default_s:g} s)',
-    )
+    text = f'wall time after which {then} (default: {default_s:g} s)'
+    look = {'dest': 'time_limit_s', 'metavar': 'S', 'help': text}
+    parser.add_argument(option, type=positive_number, default=default_s, **look)
 
 
 class _Sensors(argparse.Action):

@@ -38,9 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments batch`."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument('study', type=Path, metavar='STUDY.yaml', help='what is combined')
-    parser.add_argument(
-        '--out', type=Path, required=True, metavar='DIR', help='receives table and records'
-    )
+    text = 'receives table and records'
+    parser.add_argument('--out', type=Path, required=True, metavar='DIR', help=text)
     parser.set_defaults(settings=[])
     add_sensors(parser)
     add_jobs(parser, 'the table')

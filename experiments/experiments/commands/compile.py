@@ -7,7 +7,6 @@ version of CasADi and sources.
 
 import argparse
 import os
-from itertools import count
 
 from rich.console import Console
 
@@ -32,13 +31,15 @@ def run(options: argparse.Namespace) -> int:
     from stage_solver import compile_cache
 
     names = options.controllers or list(node_config.known_controllers())
-    files = [str(controller.config) for controller in node_config.find_controllers(names)]
     console = Console()
-    tasks = [(None,), *((file,) for file in files)]
-    done = count(1)
+    controllers = node_config.find_controllers(names)
+    tasks = [(None,), *((str(controller.config),) for controller in controllers)]
     with CountProgress(console) as progress, Pool(options.jobs) as pool:
         progress.show('compiling', 0, len(tasks))
-        pool.run(_prepare, tasks, lambda: progress.show('compiling', next(done), len(tasks)))
+        for done, finished in enumerate(pool.finish_each(_prepare, tasks), start=1):
+            if finished.error:
+                raise finished.error
+            progress.show('compiling', done, len(tasks))
     folder = os.path.relpath(compile_cache.cache_dir())
     console.print(f'compiled, in {folder}: the plant, {", ".join(names)}', highlight=False)
     return 0

@@ -12,8 +12,7 @@ its figure (.png) and the numbers for `experiments validate` (.json).
 import argparse
 from pathlib import Path
 
-from rich.console import Console
-
+from bags.command_line import print_text
 from bags.errors import BagError
 from experiments.commands import add_list
 from msgs_yaml.strict_yaml import closest
@@ -48,33 +47,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Fit and write; return 0. Raises BagError."""
     # imported late: scipy and matplotlib take a second to load
+    from experiments import console
     from experiments.measured import fit_report, log_map, measured_log, single_track_fit
 
-    console = Console()
-    if not console.is_terminal:
-        console.width = FILE_WIDTH
+    shown = console.wide(FILE_WIDTH)
     known = log_map.load(options.map)
     logs = [measured_log.load(path, known) for path in options.logs]
     held_out = [measured_log.load(path, known) for path in options.held_out]
     for log in (*logs, *held_out):
         for note in log.notes:
-            console.print(f'{log.name}: {note}', highlight=False)
+            print_text(shown, f'{log.name}: {note}')
     fixed = dict(_parse(text, single_track_fit.KINDS) for text in options.fix)
     fit = single_track_fit.fit(logs, known.car, options.add, fixed)
     if 'cog_to_front_m' in fit.vague:
-        text = 'the place of the CoG is not told: it stays where the map has it'
-        console.print(text, highlight=False)
+        print_text(shown, 'the place of the CoG is not told: it stays where the map has it')
         fixed['cog_to_front_m'] = 0.0
         fit = single_track_fit.fit(logs, known.car, options.add, fixed)
     rows = fit_report.errors(known.car, fit, logs, held_out)
     fit_report.write_car(options.out, known.car, fit, rows)
     picture = options.out.with_suffix('.png')
     fit_report.draw(known.car, fit, logs, held_out).savefig(picture, metadata={'Software': None})
-    console.print(fit_report.parameter_table(fit))
+    shown.print(fit_report.parameter_table(fit))
     first, second, value = fit.correlated
-    console.print(f'\nhardest to tell apart: {first} and {second}, correlation {value:.2f}\n')
-    console.print(fit_report.error_table(rows))
-    console.print(f'\ncar file: {options.out}\nfigure: {picture}', highlight=False, soft_wrap=True)
+    print_text(shown, f'\nhardest to tell apart: {first} and {second}, correlation {value:.2f}\n')
+    shown.print(fit_report.error_table(rows))
+    print_text(shown, f'\ncar file: {options.out}\nfigure: {picture}')
     return 0
 
 

@@ -47,31 +47,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     what = parser.add_mutually_exclusive_group()
     what.add_argument('--list', action='store_true', help='print the families and the entries')
-    what.add_argument(
-        '--draw', metavar='FAMILY:INDEX', help='write one draw as a scenario file to --out FILE'
-    )
-    what.add_argument(
-        '--entries',
-        action='store_true',
-        help='drive the scenarios with `expect:` in their file, and check what they expect',
-    )
+    text = 'write one draw as a scenario file to --out FILE'
+    what.add_argument('--draw', metavar='FAMILY:INDEX', help=text)
+    text = 'drive the scenarios with `expect:` in their file, and check what they expect'
+    what.add_argument('--entries', action='store_true', help=text)
     add_list(parser, '--family', 'a family', 'all of them', metavar='F')
     add_list(parser, '--entry', 'with --entries: one of them', 'all of them', metavar='E')
     text = f'draws per family (default: {DRAWS})'
     parser.add_argument('--draws', type=positive_count, default=DRAWS, metavar='N', help=text)
-    parser.add_argument(
-        '--first', type=count, default=0, metavar='INDEX', help='the first draw (default: 0)'
-    )
-    parser.add_argument(
-        '--seed',
-        type=count,
-        default=SEED,
-        metavar='S',
-        help=f'of the draws; tune below 1000, judge from 1000 on (default: {SEED})',
-    )
-    parser.add_argument(
-        '--difficulty', choices=DIFFICULTIES, default='nominal', help='(default: nominal)'
-    )
+    text = 'the first draw (default: 0)'
+    parser.add_argument('--first', type=count, default=0, metavar='INDEX', help=text)
+    text = f'of the draws; tune below 1000, judge from 1000 on (default: {SEED})'
+    parser.add_argument('--seed', type=count, default=SEED, metavar='S', help=text)
+    text, nominal = '(default: nominal)', DIFFICULTIES[0]
+    parser.add_argument('--difficulty', choices=DIFFICULTIES, default=nominal, help=text)
     text = 'a name in mpcc_controller/config, or a YAML file'
     add_list(parser, '--controller', text, 'mpcc_road', metavar='C')
     text = 'set a parameter of plant or controller'
@@ -81,12 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_jobs(parser, 'the table')
     add_dask(parser)
     add_time_limit(parser, '--limit-s', LIMIT_S, 'a drive counts as failed')
-    parser.add_argument(
-        '--at-least',
-        type=share,
-        metavar='SHARE',
-        help='exit code 1 when a family survives less, 0 to 1',
-    )
+    text = 'exit code 1 when a family survives less, 0 to 1'
+    parser.add_argument('--at-least', type=share, metavar='SHARE', help=text)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -100,9 +85,7 @@ def run(options: argparse.Namespace) -> int:
     if options.out is None:
         raise BagError('--out is missing: the folder, or the file of --draw, that is written')
     if options.draw:
-        return catalogue.write_draw(
-            options.draw, options.seed, options.difficulty, options.out, console
-        )
+        return catalogue.write_draw(options, console)
 
     from experiments.library import run_library
 

@@ -28,9 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_table(parser)
     add_list(parser, '--by', 'a column; one or two', metavar='COLUMN')
     parser.add_argument('--surface', action='store_true', help='fit the share over two columns')
-    parser.add_argument(
-        '--out', type=Path, metavar='STEM', help='writes STEM.png, STEM.svg (default: in DIR)'
-    )
+    text = 'writes STEM.png, STEM.svg (default: in DIR)'
+    parser.add_argument('--out', type=Path, metavar='STEM', help=text)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -52,7 +51,6 @@ def run(options: argparse.Namespace) -> int:
         paths = result_figures.write_map(table, options.metric, columns, stem, options.bins)
     else:
         paths = result_figures.write_marginal(table, options.metric, *columns, stem, options.bins)
-    console = Console()
     for path in paths:
-        print_text(console, str(path))
+        print_text(Console(), str(path))
     return 0

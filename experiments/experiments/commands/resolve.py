@@ -31,17 +31,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments resolve`."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument('bag', type=Path, metavar='BAG', help='folder of a recording')
-    which = parser.add_argument_group('the tick, one of').add_mutually_exclusive_group(
-        required=True
-    )
+    group = parser.add_argument_group('the tick, one of')
+    which = group.add_mutually_exclusive_group(required=True)
     which.add_argument('--tick', type=int, metavar='K', help='its number, from 0')
     which.add_argument('--time', type=float, metavar='S', help='seconds since the first tick')
     which.add_argument('--station', type=float, metavar='M', help='metres along the path')
-    which.add_argument(
-        '--at',
-        choices=tick_events.EVENTS,
-        help='; '.join(f'{event}: {meaning}' for event, meaning in tick_events.EVENTS.items()),
-    )
+    text = '; '.join(map(': '.join, tick_events.EVENTS.items()))
+    which.add_argument('--at', choices=tick_events.EVENTS, help=text)
     text = 'what if: <parameter of the controller>=<value>, or weights.<term>=<factor>'
     add_list(parser, '--set', text, dest='settings', metavar='NAME=VALUE')
     text = 'of the cost and of the least distance to obstacles, to every weight'

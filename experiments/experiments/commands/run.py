@@ -34,45 +34,28 @@ TIME_LIMIT_S = 900.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments run`."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument(
-        'scenario',
-        metavar='SCENARIO',
-        help='a name, or the path of a YAML file: of a scenario, or a run file',
-    )
+    text = 'a name, or the path of a YAML file: of a scenario, or a run file'
+    parser.add_argument('scenario', metavar='SCENARIO', help=text)
     text = 'a name in mpcc_controller/config, a YAML file, or a program that is a node'
     add_list(parser, '--controller', text, 'mpcc', dest='controllers', metavar='C')
-    parser.add_argument(
-        '--plant',
-        default='',
-        metavar='PROGRAM',
-        help='a program of yours in place of plant_node: a Python file or an executable '
-        '(docs/howto/own_plant.md)',
-    )
-    parser.add_argument(
-        '--mode',
-        choices=('lockstep', 'realtime'),
-        default='lockstep',
-        help='lockstep: simulated time, as fast as possible, repeatable; realtime: wall clock '
-        '(default: lockstep)',
-    )
+    text = 'a program of yours in place of plant_node: a Python file or an executable '
+    text += '(docs/howto/own_plant.md)'
+    parser.add_argument('--plant', default='', metavar='PROGRAM', help=text)
+    text = 'lockstep: simulated time, as fast as possible, repeatable; realtime: wall clock '
+    text += '(default: lockstep)'
+    modes = 'lockstep', 'realtime'
+    parser.add_argument('--mode', choices=modes, default=modes[0], help=text)
     add_out(parser, RUNS, '<scenario>/<controller>/ and the comparison')
     text = 'set a parameter of the plant, controller, scenario or recorder'
     add_list(parser, '--set', text, dest='settings', metavar='NODE.param=value')
     add_sensors(parser)
-    parser.add_argument(
-        '--label',
-        default='',
-        metavar='NAME',
-        help='name of this variant: its runs are called <controller>@NAME',
-    )
+    text = 'name of this variant: its runs are called <controller>@NAME'
+    parser.add_argument('--label', default='', metavar='NAME', help=text)
     text = 'also compare with an earlier run of the scenario, as mpcc@soft, or a path'
     add_list(parser, '--beside', text, metavar='RUN')
-    parser.add_argument(
-        '--overwrite',
-        action='store_true',
-        help='replace earlier runs; without it, one that this run does not merely repeat is kept '
-        'as <run>@1, @2, ...',
-    )
+    text = 'replace earlier runs; without it, one that this run does not merely repeat is kept as '
+    text += '<run>@1, @2, ...'
+    parser.add_argument('--overwrite', action='store_true', help=text)
     text = 'drive also with a car file of the controller that is not that of the plant'
     parser.add_argument('--any-car', action='store_true', help=text)
     text = 'also start markers_node, which draws the run for RViz and Foxglove (/markers, /tf)'

@@ -28,12 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('part', choices=KEPT, help='what to do')
     text = f'of the study, with its plan or rows (default: {KEPT["run"]}, {KEPT["recompute"]})'
     parser.add_argument('folder', nargs='?', type=Path, metavar='DIR', help=text)
-    parser.add_argument(
-        '--out', type=Path, metavar='DIR', help='of records, tables and figures (default: DIR)'
-    )
-    parser.add_argument(
-        '--replicates', type=positive_count, metavar='N', help='of `run`, instead of the rule'
-    )
+    text = 'of records, tables and figures (default: DIR)'
+    parser.add_argument('--out', type=Path, metavar='DIR', help=text)
+    text = 'of `run`, instead of the rule'
+    parser.add_argument('--replicates', type=positive_count, metavar='N', help=text)
     add_jobs(parser, 'the rows')
     add_dask(parser)
 

@@ -17,8 +17,6 @@ Verdicts are kept in the first DIR. The exit code is 1 when a search failed, oth
 import argparse
 from pathlib import Path
 
-from rich.console import Console
-
 from experiments.commands import add_jobs, count
 
 HELP = 'which lost drives were possible; controllers paired on the same draws'
@@ -30,24 +28,14 @@ FILE_WIDTH = 200
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments survivable`."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument(
-        'folders', type=Path, nargs='+', metavar='DIR', help='folders of `experiments library`'
-    )
-    parser.add_argument(
-        '--budget',
-        type=count,
-        default=BUDGET,
-        metavar='N',
-        help=f'rollouts of a search; 0 searches nothing (default: {BUDGET})',
-    )
-    parser.add_argument(
-        '--preview',
-        action='store_true',
-        help='the search may act from the start of the run, before anything appears',
-    )
-    parser.add_argument(
-        '--base', default='mpcc_road', metavar='C', help='(default: mpcc_road), see above'
-    )
+    text = 'folders of `experiments library`'
+    parser.add_argument('folders', type=Path, nargs='+', metavar='DIR', help=text)
+    text = f'rollouts of a search; 0 searches nothing (default: {BUDGET})'
+    parser.add_argument('--budget', type=count, default=BUDGET, metavar='N', help=text)
+    text = 'the search may act from the start of the run, before anything appears'
+    parser.add_argument('--preview', action='store_true', help=text)
+    text = '(default: mpcc_road), see above'
+    parser.add_argument('--base', default='mpcc_road', metavar='C', help=text)
     text = 'receives the drives with the verdict of their draw; it can be given as a DIR'
     parser.add_argument('--table', type=Path, metavar='FILE', help=text)
     add_jobs(parser, 'the verdicts')
@@ -56,10 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Search and show; 0 when no search failed. Raises BagError."""
     # imported late: simulation and controllers take a second to load
+    from experiments import console
     from experiments.survivable import report
 
-    # a table has a column per controller: in a file it is not folded to 80 characters
-    console = Console()
-    if not console.is_terminal:
-        console.width = FILE_WIDTH
-    return report.run(options, console)
+    # a table has a column per controller
+    return report.run(options, console.wide(FILE_WIDTH))

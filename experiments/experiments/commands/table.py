@@ -24,9 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `experiments table`."""
     add_table(parser)
     add_list(parser, '--by', 'a column of the groups', 'controller', metavar='COLUMN')
-    parser.add_argument(
-        '--pair', nargs=2, metavar=('A', 'B'), help='controllers: the metric of A minus that of B'
-    )
+    text = 'controllers: the metric of A minus that of B'
+    parser.add_argument('--pair', nargs=2, metavar=('A', 'B'), help=text)
     parser.add_argument('--csv', type=Path, metavar='FILE', help='write the table as CSV')
     parser.add_argument('--markdown', type=Path, metavar='FILE', help='write it as Markdown')
 
@@ -34,8 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print the table and write its files; 0. Raises BagError."""
     # imported late: pandas takes a second to load
-    from rich.table import Table
-
+    from experiments import console as tables
     from experiments.results import drive_table, marginals
 
     table, console = drive_table.load(options.table), Console()
@@ -46,14 +44,9 @@ def run(options: argparse.Namespace) -> int:
         by = by or [name for name in (drive_table.CONTROLLER,) if name in table.rows]
         result = marginals.summarise(table, options.metric, by, options.bins)
     texts = [[*map(marginals.level_text, row)] for row in result.itertuples(index=False)]
-    shown = Table(box=None, padding=(0, 2, 0, 0))
-    for name in result:
-        shown.add_column(name, justify='left' if name in by else 'right')
-    for row in texts:
-        shown.add_row(*row)
     minus = f' of {pair[0]} minus {pair[1]}' if pair else ''
     print_text(console, f'{options.metric}{minus}')
-    console.print(shown)
+    console.print(tables.table(list(result), texts, left=by))
     if table.failed:
         print_text(console, f'{table.failed:,} drives without a result are left out')
     if not pair and marginals.repeats(table) and 'share' in result:

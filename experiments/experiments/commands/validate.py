@@ -11,9 +11,7 @@ The offsets of the log's steer and sideslip are those that `identify` wrote besi
 import argparse
 from pathlib import Path
 
-from rich.console import Console
-
-from bags.command_line import add_out, print_paths
+from bags.command_line import add_out, print_paths, print_text
 from bags.errors import BagError
 from experiments.commands.identify import FILE_WIDTH, add_log_arguments
 
@@ -34,20 +32,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compare, show and write; return 0. Raises BagError."""
     # imported late: scipy and matplotlib take a second to load
-    from experiments.measured import (
-        fit_report,
-        log_map,
-        measured_log,
-        validation,
-        validation_page,
-    )
+    from experiments import console
+    from experiments.measured import fit_report, log_map, measured_log, validation, validation_page
     from mpcc_controller import car_file
     from node_runtime import node_parameters
     from vehicle_plant import parameters
 
-    console = Console()
-    if not console.is_terminal:
-        console.width = FILE_WIDTH
+    shown = console.wide(FILE_WIDTH)
     known = log_map.load(options.map)
     car = car_file.read(options.car)
     path = node_parameters.find_config('mpcc_controller', options.car)
@@ -56,19 +47,16 @@ def run(options: argparse.Namespace) -> int:
     except (ValueError, KeyError) as error:
         raise BagError(f'{path.with_suffix(".json")}: is not of identify: {error}') from None
     if fit is None:
-        console.print(
-            f'no {path.with_suffix(".json").name} of identify: steer and sideslip as logged'
-        )
+        name = path.with_suffix('.json').name
+        print_text(shown, f'no {name} of identify: steer and sideslip as logged')
     plant = None
     if options.plant:
         plant = parameters.load(parameters.car_file(options.plant, '--plant'))
     logs = [measured_log.load(log, known) for log in options.logs]
     result = validation.validate(logs, car, fit, plant)
     title = f'{path.stem} against {", ".join(log.name for log in logs)}'
-    for m in result.manoeuvres:
-        rows = validation_page.manoeuvre_rows(m)
-        console.print(validation_page.table(*rows, f'Through the manoeuvre of {m.log}'))
-    rows = validation_page.horizon_rows(result.errors)
-    console.print(validation_page.table(*rows, 'Errors ahead of every measured state, rms'))
-    print_paths(console, validation_page.write(result, options.out, title))
+    for heading, columns, rows in validation_page.tables(result):
+        print_text(shown, f'\n{heading}')
+        shown.print(console.table(columns, rows))
+    print_paths(shown, validation_page.write(result, options.out, title))
     return 0

@@ -3,11 +3,10 @@
 draw               (family, seed, index, difficulty) -> Draw, independent of every other draw
 scenario_document  the parts of a scenario document: roads, cars, walkers, start and finish
 feasibility        closed forms that say whether a draw can be mastered: nominal draws are
-open_road          what appears, comes towards the car or crosses on a straight road
+open_road          what appears, comes or crosses on a straight road, which may be slippery
 lane_course        slaloms, gates, lane changes: where the room is narrow
 bends              an obstacle in a bend
 traffic            other road users on roads that bend
-slippery           another friction under one side of the car or both
 lane_change_task   tasks of the study of tuned controllers
 plant_variant      their plants, and the cars identified on them
 demand             the path curvature that a course demands

@@ -17,14 +17,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from experiments.families import (
-    bends,
-    lane_change_task,
-    lane_course,
-    open_road,
-    slippery,
-    traffic,
-)
+from experiments.families import bends, lane_change_task, lane_course, open_road, traffic
 from experiments.families.scenario_document import Document, rounded
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
@@ -54,8 +47,8 @@ FAMILIES: Mapping[str, Family] = _by_name(
     lane_course.double_lane_change,
     lane_course.iso_3888_1,
     lane_course.iso_3888_2,
-    slippery.split_mu,
-    slippery.low_mu,
+    open_road.split_mu,
+    open_road.low_mu,
     open_road.several_movers,
     open_road.three_in_sequence,
     open_road.stop_and_go,

@@ -4,10 +4,7 @@ What is identified is kept beside the compiled solvers, under the digest of the 
 and of the code that decides it.
 """
 
-import hashlib
-import os
 import re
-import tempfile
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -16,7 +13,6 @@ from typing import Any, NamedTuple
 from experiments import code_version, plant_limit, simulation
 from experiments.configuration.node_config import PLANT_DEFAULTS
 from node_runtime import parameters
-from stage_solver import compile_cache
 from vehicle_plant import identify
 from vehicle_plant import parameters as plant_parameters
 from vehicle_plant.circular_driving import CircleError, CircleParams
@@ -68,11 +64,12 @@ def plant_settings(variant: Variant) -> dict[str, Any]:
     """
     car = _load({PLANT_DEFAULTS: variant.car}).car
     axles = {'front': car.suspension.front, 'rear': car.suspension.rear}
-    total = sum(_roll_stiffness(axle) for axle in axles.values())
-    shares = {'front': variant.roll_share, 'rear': 1.0 - variant.roll_share}
+    total = sum(
+        axle.track_m**2 * (axle.ride_rate_npm / 2 + axle.antiroll_npm) for axle in axles.values()
+    )
     bars = {}
-    for name, axle in axles.items():
-        bars[name] = shares[name] * total / axle.track_m**2 - axle.ride_rate_npm / 2
+    for (name, axle), share in zip(axles.items(), (variant.roll_share, 1.0 - variant.roll_share)):
+        bars[name] = share * total / axle.track_m**2 - axle.ride_rate_npm / 2
         if bars[name] < 0.0:
             raise ValueError(
                 f'roll_share: is {variant.roll_share:g}; the springs of the {name} axle of '
@@ -85,29 +82,18 @@ def plant_settings(variant: Variant) -> dict[str, Any]:
     }
 
 
-def _roll_stiffness(axle):
-    return axle.track_m**2 * (axle.ride_rate_npm / 2 + axle.antiroll_npm)
-
-
 def _load(settings) -> PlantParams:
     return simulation.prepare(*ANY_DRIVE, {'plant': settings}, any_car=True).plant
 
 
 def _car_file(plant: PlantParams, known_latency_s: float) -> Path:
     """Return the car file that was identified on a plant, from the cache or new."""
-    content = repr((identify.digest(plant), code_version.digest(ROOTS), known_latency_s))
-    name = hashlib.sha256(content.encode()).hexdigest()[:32]
-    file = compile_cache.cache_dir() / 'plants' / f'{name}.yaml'
-    if not file.is_file():
+
+    def find():
         manoeuvre = plant_parameters.config_file(plant_limit.MANOEUVRE)
         circle = parameters.load(CircleParams, manoeuvre)
         text, _ = identify.identify(plant, 1.0, circle, ' (a plant of a study)')
-        text = LAGS.sub(lambda lag: f'{lag[1]}: {float(lag[2]) + known_latency_s:.4f}', text)
-        file.parent.mkdir(parents=True, exist_ok=True)
-        # written whole or not at all, also when another process writes the same file
-        with tempfile.NamedTemporaryFile(
-            'w', dir=file.parent, suffix='.part', delete=False
-        ) as part:
-            part.write(text)
-        os.replace(part.name, file)
-    return file
+        return LAGS.sub(lambda lag: f'{lag[1]}: {float(lag[2]) + known_latency_s:.4f}', text)
+
+    content = repr((identify.digest(plant), code_version.digest(ROOTS), known_latency_s))
+    return plant_limit.kept_text('plants/{}.yaml', content, find)

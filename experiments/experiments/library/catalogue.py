@@ -1,14 +1,14 @@
 """What the library has: its families and entries, listed, chosen and written as files."""
 
+import argparse
 import inspect
 from collections.abc import Sequence
-from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 
 from bags.command_line import print_text
 from bags.errors import BagError
+from experiments import console as tables
 from experiments.drive_row import Row
 from experiments.families import draw
 from msgs_yaml.strict_yaml import closest
@@ -23,12 +23,8 @@ def show(console: Console) -> int:
     }
     entries = {name: scenario.load(name).description for name in entries_of_library()}
     for title, members in (('family', families), ('entry', entries)):
-        table = Table(box=None, padding=(0, 2, 0, 0))
-        table.add_column(title, no_wrap=True)
-        table.add_column('')
-        for name, text in members.items():
-            table.add_row(name, ' '.join(text.split()))
-        console.print(table)
+        rows = [(name, ' '.join(text.split())) for name, text in members.items()]
+        console.print(tables.table((title, ''), rows, left=(title, '')))
     return 0
 
 
@@ -63,9 +59,13 @@ def _known(option, chosen, available):
     return list(dict.fromkeys(chosen)) or list(available)
 
 
-def write_draw(which: str, seed: int, difficulty: str, path: Path, console: Console) -> int:
-    """Write a draw as a scenario file; return exit code 0. Raises BagError for no such draw."""
-    row = Row(which, '', (), seed, difficulty)
+def write_draw(options: argparse.Namespace, console: Console) -> int:
+    """Write a draw as a scenario file; return exit code 0. Raises BagError for no such draw.
+
+    `options` are those of `experiments library`.
+    """
+    which, path = options.draw, options.out
+    row = Row(which, '', (), options.seed, options.difficulty)
     if row.draw is None:
         known = ', '.join(draw.LIBRARY)
         raise BagError(f'{which!r} is no draw; allowed FAMILY:INDEX, FAMILY one of {known}')

@@ -6,6 +6,7 @@ from typing import Any
 import pandas
 from rich.table import Table
 
+from experiments import console
 from experiments.statistical_inference import wilson_interval
 
 ALL = 'all'
@@ -41,14 +42,11 @@ def build_table(rows: Rows) -> Table:
     """Return survived of driven per family and controller, with Wilson's interval of 95 %."""
     by_pair = counts(rows)
     families, controllers = (list(dict.fromkeys(pair[k] for pair in by_pair)) for k in (0, 1))
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    table.add_column('survived')
-    for controller in controllers:
-        table.add_column(controller, justify='right')
-    for family in families:
-        cells = (share_cell(*by_pair.get((family, name), (0, 0))) for name in controllers)
-        table.add_row(family, *cells)
-    return table
+    rows = [
+        [family, *(share_cell(*by_pair.get((family, name), (0, 0))) for name in controllers)]
+        for family in families
+    ]
+    return console.table(['survived', *controllers], rows)
 
 
 def share_cell(survived: int, driven: int, digits: int = 1) -> str:

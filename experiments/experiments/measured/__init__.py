@@ -1,11 +1,10 @@
 """Recorded drives of real cars, or of the plant: what they say about the controllers' car.
 
 log_map           which column of a file is which signal, in which unit; what is known of the car
-log_readers       Racelogic VBO, MATLAB, CSV and bags, by columns
-measured_log      a log in SI units at the CoG, filtered, with what is missing or wrong left out
+measured_log      a log of any format in SI units at the CoG, filtered, without what is wrong in it
 log_checks        signs, units and signals that contradict each other
 single_track_fit  the single track over many windows at once, and its fit with intervals
-fit_report        the car file, the table and the figure of a fit
+fit_report        the car file, the tables and the figure of a fit
 validation        errors of prediction model and plant against a log
-validation_page   their table and figures on one page
+validation_page   their tables and figures on one page
 """

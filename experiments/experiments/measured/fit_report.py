@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from rich.markup import escape
 from rich.table import Table
 
 from bags.figures import style
+from experiments import console
 from experiments.measured import single_track_fit
 from experiments.measured.measured_log import STEP_S, Log
 from experiments.measured.single_track_fit import KINDS, Fit, Windows
@@ -61,51 +61,44 @@ def errors(
     """Return the errors of each log. Raises BagError for one without a window."""
     rows = []
     for log in (*logs, *held_out):
-        windows = single_track_fit.cut([log])
-        vy, r, model_vy, model_r, _ = predict(car, fit, windows)
+        vy, r, model_vy, model_r, _ = predict(car, fit, single_track_fit.cut([log]))
         rms = (float(np.sqrt(np.mean((a - b) ** 2))) for a, b in ((vy, model_vy), (r, model_r)))
-        rows.append(
-            LogError(
-                log.name, log in held_out, vy.shape[1], *rms, float(np.ptp(vy)), float(np.ptp(r))
-            )
-        )
+        ranges = float(np.ptp(vy)), float(np.ptp(r))
+        rows.append(LogError(log.name, log in held_out, vy.shape[1], *rms, *ranges))
     return rows
 
 
 def error_table(rows: Sequence[LogError]) -> Table:
     """Return the errors as a table."""
-    table = Table(box=None, padding=(0, 2, 0, 0))
     seconds = f'{single_track_fit.WINDOW_S:g} s windows'
-    for name in ('log', seconds, 'vy rms [m/s]', 'of range', 'yaw rate rms [deg/s]', 'of range'):
-        table.add_column(escape(name), justify='left' if name == 'log' else 'right')
-    for row in rows:
-        table.add_row(
+    columns = ('log', seconds, 'vy rms [m/s]', 'of range', 'yaw rate rms [deg/s]', 'of range')
+    texts = [
+        (
             f'{row.log}{" (held out)" if row.held_out else ""}',
             str(row.windows),
-            f'{row.rms_vy:.3f}',
-            f'{row.rms_vy / row.range_vy:.1%}',
-            f'{np.degrees(row.rms_r):.2f}',
-            f'{row.rms_r / row.range_r:.1%}',
+            *(f'{row.rms_vy:.3f}', f'{row.rms_vy / row.range_vy:.1%}'),
+            *(f'{np.degrees(row.rms_r):.2f}', f'{row.rms_r / row.range_r:.1%}'),
         )
-    return table
+        for row in rows
+    ]
+    return console.table(columns, texts)
 
 
 def parameter_table(fit: Fit) -> Table:
     """Return the parameters with their intervals."""
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for name in ('parameter', 'value', '95 %', 'unit', 'meaning'):
-        table.add_column(name, justify='right' if name in ('value', '95 %') else 'left')
+    rows = []
     for name, value in fit.values.items():
         half = '± ' + f'{fit.half_widths[name]:.2g}' if name in fit.half_widths else 'fixed'
         note = ' [bold](the log does not tell)[/]' if name in fit.vague else ''
-        table.add_row(name, f'{value:.5g}', half, KINDS[name].unit, KINDS[name].meaning + note)
-    return table
+        rows.append((name, f'{value:.5g}', half, KINDS[name].unit, KINDS[name].meaning + note))
+    columns = ('parameter', 'value', '95 %', 'unit', 'meaning')
+    return console.table(columns, rows, left=('parameter', 'unit', 'meaning'))
 
 
 def write_car(path: Path, car: CarParams, fit: Fit, rows: Sequence[LogError]) -> None:
     """Write the car file, and beside it what `validate` needs to know of the fit as JSON."""
-    lines = [f'# From {", ".join(row.log for row in rows if not row.held_out)}; made by']
-    lines += ['#   identify --log']
+    names = ', '.join(row.log for row in rows if not row.held_out)
+    lines = [f'# From {names}; made by', '#   identify --log']
     for name, half in fit.half_widths.items():
         note = ': not told by the log' if name in fit.vague else ''
         unit = KINDS[name].unit

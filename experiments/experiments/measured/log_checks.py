@@ -54,7 +54,8 @@ def check(
     wheelbase = body.cog_to_front_m + body.cog_to_rear_m
     geometric = vx * np.tan(np.clip(steer, -1, 1)) / wheelbase
     gentle = (vx > SLOWEST_MPS) & (np.abs(vx * r) < GENTLE_MPS2)
-    gentle = minimum_filter1d(gentle, max(round(SUSTAINED_S / float(np.median(np.diff(t)))), 1))
+    step = float(np.median(np.diff(t)))
+    gentle = minimum_filter1d(gentle, max(round(SUSTAINED_S / step), 1))
     turning = np.maximum(np.abs(r), np.abs(geometric)) > EXCITED_RADPS
     rows = gentle & turning
     if rows.sum() < LEAST_ROWS:
@@ -71,22 +72,19 @@ def check(
             f'{path}: vx yaw_rate: up to {fastest:.0f} m/s^2; a car reaches {GREATEST_MPS2:g}: are '
             'the units of vx and yaw_rate right?'
         )
-    best = _best_gain(t, geometric, r, rows)
+    # at the delay at which they agree best
+    delays = range(0, max(round(LATEST_S / step), 1), max(round(0.02 / step), 1))
+    gains = (_gain(np.roll(geometric, delay), r, rows) for delay in delays)
+    best = max(gains, key=lambda pair: abs(pair[1]))
     unknown = _judge(path, 'yaw_rate over vx steer / L', *best, GAIN, STEER_MISTAKES)
     if 'ay' in signals:
-        gain, fit = _gain(vx * r, signals['ay'], turning & (vx > SLOWEST_MPS))
-        unknown += _judge(path, 'ay over vx yaw_rate', gain, fit, AY_GAIN, AY_MISTAKES)
-    return unknown + _check_lateral_sign(path, t, signals, log_map)
-
-
-def _best_gain(t, x, y, rows):
-    """Return the gain of y over x, and their correlation, at the delay at which it is greatest."""
-    step = float(np.median(np.diff(t)))
-    delays = range(0, max(round(LATEST_S / step), 1), max(round(0.02 / step), 1))
-    return max((_gain(np.roll(x, d), y, rows) for d in delays), key=lambda pair: abs(pair[1]))
+        measured = _gain(vx * r, signals['ay'], turning & (vx > SLOWEST_MPS))
+        unknown += _judge(path, 'ay over vx yaw_rate', *measured, AY_GAIN, AY_MISTAKES)
+    return unknown + _check_lateral_sign(path, t, step, signals, log_map)
 
 
 def _gain(x, y, rows):
+    """Return the gain of y over x, and their correlation."""
     x, y = x[rows], y[rows]
     power = float(np.sqrt((x @ x) * (y @ y)))
     return (float(x @ y / (x @ x)), float(x @ y / power)) if power else (0.0, 0.0)
@@ -110,15 +108,14 @@ def _judge(path, what, gain, correlation, allowed, mistakes):
     )
 
 
-def _check_lateral_sign(path, t, signals, log_map):
+def _check_lateral_sign(path, t, step, signals, log_map):
     from scipy.ndimage import uniform_filter1d
 
     body = log_map.car.car
     wheelbase = body.cog_to_front_m + body.cog_to_rear_m
-    rows_per_window = max(round(0.1 / float(np.median(np.diff(t)))), 1)
+    rows_per_window = max(round(0.1 / step), 1)
     vx, vy, r = (uniform_filter1d(signals[n], rows_per_window) for n in ('vx', 'vy', 'yaw_rate'))
-    sensor = log_map.columns.sensor
-    vy_ahead = (sensor.ahead_m or 0.0) * r
+    vy_ahead = (log_map.columns.sensor.ahead_m or 0.0) * r
     rows = (vx > SLIPPING_MPS) & (np.abs(r) > EXCITED_RADPS)
     if rows.sum() < LEAST_ROWS:
         return [f'sign of vy: not checked, the car turns below {SLIPPING_MPS:g} m/s only']

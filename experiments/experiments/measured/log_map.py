@@ -28,23 +28,12 @@ from msgs_yaml.strict_yaml import YamlError, read
 from node_runtime import node_parameters, parameters
 from node_runtime.parameters import Choice, Range, Struct
 
+GROUPS = ('car', 'actuators', 'outline')  # of the car, which no log tells
+UNTOLD = ('mass_kg', 'yaw_inertia_kgm2', 'cog_to_front_m', 'cog_to_rear_m')  # nor does a car file
 HHMMSS = 'hhmmss'  # of VBO files: a number whose digits are hours, minutes and seconds
-SI = {
-    's': 1.0,
-    'ms': 1e-3,
-    'us': 1e-6,
-    'ns': 1e-9,
-    HHMMSS: 1.0,
-    'm/s': 1.0,
-    'km/h': 1 / 3.6,
-    'mph': 0.44704,
-    'rad': 1.0,
-    'deg': np.pi / 180,
-    'rad/s': 1.0,
-    'deg/s': np.pi / 180,
-    'm/s^2': 1.0,
-    'g': 9.80665,
-}
+SI = dict.fromkeys(('s', HHMMSS, 'm/s', 'rad', 'rad/s', 'm/s^2'), 1.0)
+SI |= {'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9, 'km/h': 1 / 3.6, 'mph': 0.44704, 'g': 9.80665}
+SI |= dict.fromkeys(('deg', 'deg/s'), np.pi / 180)
 
 
 def _signal(*units: str) -> type:
@@ -95,9 +84,6 @@ class LogMap(NamedTuple):
     car: CarParams
 
 
-GROUPS = ('car', 'actuators', 'outline')
-
-
 def load(path: Path) -> LogMap:
     """Read a map. Raises BagError that names the file and the parameter."""
     try:
@@ -106,13 +92,10 @@ def load(path: Path) -> LogMap:
             raise BagError(f'{path}: must be a map, as of the manual')
         own = {name: given.pop(name, None) or {} for name in GROUPS}
         columns = parameters.build(Columns, given, path)
-        missing = {'mass_kg', 'yaw_inertia_kgm2', 'cog_to_front_m', 'cog_to_rear_m'} - set(
-            own['car']
-        )
-        if missing:
-            raise BagError(f'{path}: car.{min(missing)}: is missing; no log tells it')
-        like = columns.like or 'car.yaml'
-        file = node_parameters.find_config('mpcc_controller', like, 'like')
+        for name in UNTOLD:
+            if name not in own['car']:
+                raise BagError(f'{path}: car.{name}: is missing; no log tells it')
+        file = node_parameters.find_config('mpcc_controller', columns.like or 'car.yaml', 'like')
         values = parameters.read_file(file).values | parameters.flatten_mapping(own)
         car = parameters.build(CarParams, values, path)
     except (YamlError, parameters.ParameterError, AttributeError) as error:

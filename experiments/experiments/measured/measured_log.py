@@ -1,7 +1,8 @@
 """A log in SI units at the CoG, at 50 Hz and filtered; what is missing or wrong is marked.
 
-Spikes are replaced where they are short; gaps, longer spikes and a signal that stands still while
-the car turns are left out of everything that follows. `Log.notes` says how much that was.
+Read are Racelogic VBO, MATLAB 5 to 7, CSV with a header, and bags of ours. Spikes are replaced
+where they are short; gaps, longer spikes and a signal that stands still while the car turns are
+left out of everything that follows. `Log.notes` says how much that was.
 """
 
 from pathlib import Path
@@ -10,8 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from bags.errors import BagError
-from experiments.measured import log_checks, log_readers
-from experiments.measured.log_map import LogMap
+from bags.storage import read as bags_read
+from experiments.measured import log_checks
+from experiments.measured.log_map import HHMMSS, SI, LogMap, Signals
+from msgs_yaml.strict_yaml import closest
 
 STEP_S = 0.02
 LOW_PASS_HZ = 8.0
@@ -27,6 +30,17 @@ MENDED_S = 0.1  # a longer spike is left out
 MOST_WRONG = 0.2  # share of the rows
 FROZEN_S, FROZEN_ABOVE_RADPS = 0.3, 0.15
 NORMAL_MAD = 1.4826
+LEAST_ROWS = 100
+# of a bag: topic and column
+BAG_COLUMNS = {
+    'steer': ('/vehicle/actuators', 'steer_rad'),
+    'vx': ('/vehicle/odometry', 'vx_mps'),
+    'vy': ('/vehicle/odometry', 'vy_mps'),
+    'yaw_rate': ('/vehicle/odometry', 'yaw_rate_radps'),
+    'ax': ('/vehicle/imu', 'ax_mps2'),
+    'ay': ('/vehicle/imu', 'ay_mps2'),
+}
+NEEDED = ('steer', 'vx', 'yaw_rate')
 
 
 class Log(NamedTuple):
@@ -46,7 +60,7 @@ class Log(NamedTuple):
 
 def load(path: Path, log_map: LogMap, checked: bool = True) -> Log:
     """Read and prepare a log. Raises BagError, as `log_checks` unless not `checked`."""
-    signals, notes = log_readers.read(path, log_map), []
+    signals, notes = read(path, log_map), []
     signals = {name: np.array(values, float) for name, values in signals.items()}
     signals, every = _without_repeats(signals)
     if every > 1:
@@ -68,9 +82,9 @@ def load(path: Path, log_map: LogMap, checked: bool = True) -> Log:
             notes.append(f'{name}: {spikes.sum()} rows of spikes')
             values[spikes] = np.interp(t[spikes], t[~spikes], values[~spikes])
             wrong |= _longer_than(spikes, round(MENDED_S / step))
+    turning = np.abs(signals['yaw_rate']) > FROZEN_ABOVE_RADPS
     for name in ('vy', 'yaw_rate'):
         still = np.append(False, np.diff(signals[name]) == 0)
-        turning = np.abs(signals['yaw_rate']) > FROZEN_ABOVE_RADPS
         frozen = _longer_than(still, round(FROZEN_S / step)) & turning
         if frozen.any():
             notes.append(f'{name}: stands still for {frozen.sum() * step:.1f} s')
@@ -138,9 +152,8 @@ def _spikes(values, least, burst):
 
 def _longer_than(marked, count):
     """Return the marked rows that are in a run of more than `count`."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], marked.astype(int), [0]])))
     kept = np.zeros(len(marked), bool)
-    for start, end in edges.reshape(-1, 2):
+    for start, end in stretches(marked):
         kept[start:end] = end - start > count
     return kept
 
@@ -149,3 +162,94 @@ def stretches(valid: np.ndarray) -> list[tuple[int, int]]:
     """Return (first, one past the last) of each run of true rows."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], valid.astype(int), [0]])))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def read(path: Path, log_map: LogMap) -> dict[str, np.ndarray]:
+    """Return the signals of `Signals` that a log has, SI, ISO 8855 axes, arrays (n,).
+
+    Raises BagError that names the file and the signal, and OSError.
+    """
+    reader = {'.vbo': _read_vbo, '.mat': _read_mat, '.csv': _read_csv}.get(path.suffix.lower())
+    if reader is None:
+        return _read_bag(path)
+    columns, wanted = reader(path), log_map.columns
+    signals: dict[str, np.ndarray] = {}
+    for name in Signals.__dataclass_fields__:
+        signal = getattr(wanted.signals, name)
+        if not signal.column:
+            continue
+        if signal.column not in columns:
+            hint = closest(signal.column, columns) or f'; it has {", ".join([*columns][:40])}'
+            raise BagError(f'{path}: {name}: there is no column {signal.column!r}{hint}')
+        values = columns[signal.column]
+        if signal.unit == HHMMSS:
+            values = values // 1e4 * 3600 + values // 100 % 100 * 60 + values % 100
+        signals[name] = (signal.sign or 1) * SI[signal.unit] * values
+    for name in (*NEEDED, 'vy'):
+        if name not in signals and (name, 'sideslip' in signals) != ('vy', True):
+            raise BagError(f'{path}: signals.{name}: is missing; the map says which column it is')
+    if len(signals['vx']) < LEAST_ROWS:
+        raise BagError(f'{path}: has {len(signals["vx"])} rows; at least {LEAST_ROWS}')
+    if 'time' not in signals and wanted.rate_hz is None:
+        raise BagError(f'{path}: the map has neither signals.time nor rate_hz')
+    signals['steer'] = signals['steer'] / (wanted.steering_ratio or 1.0)
+    if 'sideslip' in signals:
+        signals['vy'] = signals['vx'] * np.tan(signals.pop('sideslip'))
+    return signals
+
+
+def _read_vbo(path):
+    text = path.read_text(encoding='latin-1')
+    names, data = text.partition('[column names]')[2], text.partition('[data]')[2]
+    names = names.partition('[')[0].split()
+    if not names or not data:
+        raise BagError(f'{path}: is no VBO file: sections [column names] and [data] are missing')
+    rows = [line.split() for line in data.splitlines()]
+    # a file ends where the logger lost its power
+    rows = [row for row in rows if len(row) == len(names)]
+    try:
+        return dict(zip(names, np.array(rows, float).reshape(-1, len(names)).T))
+    except ValueError as error:
+        raise BagError(f'{path}: {error}') from None
+
+
+def _read_mat(path):
+    from scipy.io import loadmat
+
+    try:
+        content = loadmat(path, squeeze_me=True)
+    except (ValueError, TypeError, NotImplementedError) as error:
+        raise BagError(f'{path}: is no MATLAB file up to version 7: {error}') from None
+    columns = {}
+    for name, value in content.items():
+        if np.ndim(value) == 1 and np.issubdtype(np.asarray(value).dtype, np.number):
+            columns[name] = np.asarray(value, float)
+    if not columns:
+        raise BagError(f'{path}: holds no vector of numbers')
+    longest = max(map(len, columns.values()))
+    return {name: value for name, value in columns.items() if len(value) == longest}
+
+
+def _read_csv(path):
+    import pandas
+
+    try:
+        frame = pandas.read_csv(path, sep=None, engine='python', skipinitialspace=True)
+        frame = frame.apply(pandas.to_numeric, errors='coerce').dropna(axis=1, how='all')
+    except (ValueError, UnicodeError) as error:
+        raise BagError(f'{path}: is no CSV file with a header: {error}') from None
+    return {str(name).strip(): column.to_numpy(float) for name, column in frame.items()}
+
+
+def _read_bag(path):
+    tables = bags_read.columns(path)
+    for name, (topic, _) in BAG_COLUMNS.items():
+        if name in (*NEEDED, 'vy') and (topic not in tables or not len(tables[topic].t_s)):
+            raise BagError(f'{path}: nothing was recorded of {topic}, which has {name}')
+    t = tables['/vehicle/odometry'].t_s
+    signals = {'time': t}
+    for name, (topic, column) in BAG_COLUMNS.items():
+        if topic in tables and len(tables[topic].t_s):
+            table = tables[topic]
+            signals[name] = np.interp(t, table.t_s, getattr(table, column))
+    return signals

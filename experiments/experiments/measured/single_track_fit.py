@@ -43,24 +43,27 @@ class Kind(NamedTuple):
     low: float
     high: float
     scale: float  # change that counts as one
+    start: float  # of the fit; of a stiffness per load of its axle [1/rad]
     unit: str
     meaning: str
     relative: bool = True  # its interval is judged relative to its value
 
 
+STIFFNESSES = ('front_cornering_npr', 'rear_cornering_npr')
 KINDS = {
-    'front_cornering_npr': Kind(1e4, 8e5, 1e5, 'N/rad', 'cornering stiffness of the front axle'),
-    'rear_cornering_npr': Kind(1e4, 8e5, 1e5, 'N/rad', 'cornering stiffness of the rear axle'),
-    'front_friction': Kind(0.2, 2.5, 0.3, '-', 'peak lateral force over load, front'),
-    'rear_friction': Kind(0.2, 2.5, 0.3, '-', 'peak lateral force over load, rear'),
-    'cog_to_front_m': Kind(-0.1, 0.1, 0.1, 'm', 'CoG to front axle', False),  # from the map's
-    'steer_offset_rad': Kind(-0.05, 0.05, 0.01, 'rad', 'added to the measured steer', False),
-    'steer_delay_s': Kind(0.0, 0.25, 0.05, 's', 'of the wheels behind the measured steer', False),
-    'sideslip_offset_rad': Kind(-0.05, 0.05, 0.01, 'rad', 'of the measured sideslip', False),
-    'relaxation_m': Kind(0.0, 3.0, 0.3, 'm', 'relaxation length of both axles'),
-    'load_front': Kind(0.0, 0.6, 0.1, '-', 'loss of the front axle at 1 g', False),
-    'load_rear': Kind(0.0, 0.6, 0.1, '-', 'loss of the rear axle at 1 g', False),
-    'compliance_radpn': Kind(0.0, 3e-5, 2e-6, 'rad/N', 'steering compliance', False),
+    'front_cornering_npr': Kind(1e4, 8e5, 1e5, 15.0, 'N/rad', 'cornering stiffness, front axle'),
+    'rear_cornering_npr': Kind(1e4, 8e5, 1e5, 15.0, 'N/rad', 'cornering stiffness, rear axle'),
+    'front_friction': Kind(0.2, 2.5, 0.3, 1.0, '-', 'peak lateral force over load, front'),
+    'rear_friction': Kind(0.2, 2.5, 0.3, 1.0, '-', 'peak lateral force over load, rear'),
+    # from the map's
+    'cog_to_front_m': Kind(-0.1, 0.1, 0.1, 0.0, 'm', 'CoG to front axle', False),
+    'steer_offset_rad': Kind(-0.05, 0.05, 0.01, 0.0, 'rad', 'added to the measured steer', False),
+    'steer_delay_s': Kind(0.0, 0.25, 0.05, 0.03, 's', 'of the wheels behind the steer', False),
+    'sideslip_offset_rad': Kind(-0.05, 0.05, 0.01, 0.0, 'rad', 'of the measured sideslip', False),
+    'relaxation_m': Kind(0.0, 3.0, 0.3, 0.3, 'm', 'relaxation length of both axles'),
+    'load_front': Kind(0.0, 0.6, 0.1, 0.1, '-', 'loss of the front axle at 1 g', False),
+    'load_rear': Kind(0.0, 0.6, 0.1, 0.1, '-', 'loss of the rear axle at 1 g', False),
+    'compliance_radpn': Kind(0.0, 3e-5, 2e-6, 5e-7, 'rad/N', 'steering compliance', False),
 }
 BASIC = tuple(KINDS)[:8]
 ADDITIONS = {
@@ -68,9 +71,6 @@ ADDITIONS = {
     'load': ('load_front', 'load_rear'),
     'compliance': ('compliance_radpn',),
 }
-START = {'front_friction': 1.0, 'rear_friction': 1.0, 'steer_delay_s': 0.03}
-START |= {'relaxation_m': 0.3, 'load_front': 0.1, 'load_rear': 0.1, 'compliance_radpn': 5e-7}
-STIFFNESS_PER_LOAD = 15.0  # 1/rad, of the start
 
 
 class Windows(NamedTuple):
@@ -113,17 +113,20 @@ def cut(logs: Sequence[Log], seconds: float = WINDOW_S, every: float | None = No
         usable = log.valid & (log.vx > LEAST_SPEED_MPS)
         for a, b in stretches(usable):
             for first in range(a + margin, b - count, stride):
-                rows = slice(first, first + count + 1)
-                before = slice(first - margin, first + count + 1)
-                parts.append(
-                    (log.steer[before], *(getattr(log, n)[rows] for n in Windows._fields[1:]))
-                )
+                parts.append(window(log, first, first + count + 1))
     if not parts:
         raise BagError(
             f'{", ".join(log.name for log in logs)}: no {seconds:g} s of valid driving above '
             f'{LEAST_SPEED_MPS:g} m/s'
         )
-    return Windows(*(np.column_stack(arrays) for arrays in zip(*parts)))
+    return Windows(*(np.concatenate(arrays, axis=1) for arrays in zip(*parts)))
+
+
+def window(log: Log, begin: int, end: int) -> Windows:
+    """Return the rows `begin` to `end` of a log, `end` not included, as one window."""
+    first = begin - round(LONGEST_DELAY_S / STEP_S)
+    columns = log.steer[first:end], *(getattr(log, n)[begin:end] for n in Windows._fields[1:])
+    return Windows(*(column[:, None] for column in columns))
 
 
 def axle_force(z: Any, stiffness: Any, capacity: Any) -> Any:
@@ -246,9 +249,11 @@ def fit(
     fixed = dict(fixed or {})
     names = [*BASIC, *(name for word in additions for name in ADDITIONS[word])]
     names = [name for name in names if name not in fixed]
-    low, high, scale = (np.array([KINDS[n][k] for n in names]) for k in range(3))
+    low, high, scale, start = (np.array([KINDS[n][k] for n in names]) for k in range(4))
     problem = _Problem(car, windows, names, fixed, scale)
-    start = np.clip(np.array([_start(name, car) for name in names]), low * 1.001, high * 0.999)
+    stiff = np.isin(names, STIFFNESSES)
+    start[stiff] = start[stiff] * car.car.mass_kg * GRAVITY / 2
+    start = np.clip(start, low * 1.001, high * 0.999)
     x0 = np.concatenate([start / scale, windows.vy[0] / SCALE_VY_MPS, windows.r[0] / SCALE_R_RADPS])
     free = np.full(2 * count, np.inf)
     bounds = (np.append(low / scale, -free), np.append(high / scale, free))
@@ -281,20 +286,13 @@ def fit(
     )
 
 
-def _start(name, car):
-    if name.endswith('cornering_npr'):
-        return STIFFNESS_PER_LOAD * car.car.mass_kg * GRAVITY / 2
-    return START.get(name, 0.0)
-
-
 def _is_vague(name, value, half):
     kind = KINDS[name]
     at_bound = min(value - kind.low, kind.high - value) < 1e-3 * (kind.high - kind.low)
     reference = abs(value) if kind.relative else kind.high - kind.low
     # a delay, a length or a loss of nothing is an answer
-    return half > VAGUE * reference or (
-        at_bound and (kind.low < 0 or value > kind.low + kind.scale)
-    )
+    is_pushed = at_bound and (kind.low < 0 or value > kind.low + kind.scale)
+    return is_pushed or half > VAGUE * reference
 
 
 class _Problem:
@@ -330,13 +328,8 @@ class _Problem:
         n, count = len(self.names), self.count
         change = np.zeros((n + 3, n + 2))
         # inwards, away from the upper bound
-        signs = np.array(
-            [
-                -1.0 if t * s > 0.9 * KINDS[k].high else 1.0
-                for t, s, k in zip(theta, self.scale, self.names)
-            ]
-            + [1.0, 1.0]
-        )
+        high = np.array([KINDS[name].high for name in self.names])
+        signs = np.append(np.where(theta * self.scale > 0.9 * high, -1.0, 1.0), [1.0, 1.0])
         change[np.arange(1, n + 3), np.arange(n + 2)] = step * signs
         change = np.repeat(change, count, axis=0)
         result = self._residual(

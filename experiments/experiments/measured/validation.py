@@ -73,42 +73,36 @@ def validate(
     logs: Sequence[Log], car: CarParams, fit: Fit | None, plant: PlantParams | None
 ) -> Validation:
     """Compare. `fit` has the offsets of the logs, and perhaps additions. Raises BagError."""
-    corrections = (
-        {}
-        if fit is None
-        else {
-            name: fit.values[name]
-            for name in ('steer_offset_rad', 'steer_delay_s', 'sideslip_offset_rad')
-        }
-    )
+    corrections = {} if fit is None else fit.values
     logs = [
         log._replace(vy=log.vy - log.vx * corrections.get('sideslip_offset_rad', 0.0))
         for log in logs
     ]
-    extended = None
-    if fit is not None and fit.additions:
-        extended = fit.values | {'cog_to_front_m': 0.0, 'sideslip_offset_rad': 0.0}
-    params = inputs.controller_params(CONTROLLER)
-    model = stage_parameters.car(params, car)
-    windows = single_track_fit.cut(logs, HORIZONS_S[-1], EVERY_S)
-    delta = _steer(windows, corrections)
+    extended = corrections | {'cog_to_front_m': 0.0, 'sideslip_offset_rad': 0.0}
+    model = stage_parameters.car(inputs.controller_params(CONTROLLER), car)
     linear = model._replace(mu_f=LINEAR_FRICTION, mu_r=LINEAR_FRICTION)
-    motions = {
-        HOLD: (
-            np.broadcast_to(windows.vy[:1], windows.vy.shape),
-            np.broadcast_to(windows.r[:1], windows.r.shape),
-        ),
-        LINEAR: predict(linear, windows, delta)[:2],
-        PREDICTION: predict(model, windows, delta)[:2],
-    }
-    if extended:
-        motions[FITTED] = single_track_fit.simulate(
-            car, extended, windows, windows.vy[0], windows.r[0]
-        )[:2]
-    manoeuvres = [
-        _drive_through(log, model, linear, car, corrections, extended, plant) for log in logs
-    ]
-    return Validation(_horizon_errors(windows, motions), manoeuvres)
+
+    def simulate(windows):
+        """Return vy, r and ay of every model of the controllers' car."""
+        delta = _steer(windows, corrections)
+        motions = {name: predict(m, windows, delta) for name, m in models.items()}
+        if fit is not None and fit.additions:
+            start = windows.vy[0], windows.r[0]
+            motions[FITTED] = single_track_fit.simulate(car, extended, windows, *start)
+        return motions
+
+    models = {PREDICTION: model, LINEAR: linear}
+    windows = single_track_fit.cut(logs, HORIZONS_S[-1], EVERY_S)
+    held = tuple(np.broadcast_to(x[:1], x.shape) for x in (windows.vy, windows.r, windows.ay))
+    errors = _horizon_errors(windows, {HOLD: held, **simulate(windows)})
+    manoeuvres = []
+    for log in logs:
+        window = single_track_fit.window(log, *_stretch(log))
+        motions = simulate(window)
+        if plant is not None:
+            motions[PLANT] = drive_plant(plant, window, _steer(window, corrections))
+        manoeuvres.append(_manoeuvre(log.name, window, motions))
+    return Validation(errors, manoeuvres)
 
 
 def _steer(windows, corrections):
@@ -137,11 +131,8 @@ def predict(model: Car, windows: Windows, delta: np.ndarray) -> tuple[np.ndarray
         u = Input((steer[following] - steer[k]) / dt, zero, np.full(columns, 0.6), zero)
         x = State(zero, zero, zero, vx[k], vy, r, zero, steer[k], force)
         following_x = State(*step(np.array(x), np.array(u), cars).full())
-        out[:, k] = (
-            vy,
-            r,
-            (following_x.vy - vy) / dt + (vx[k] + vx[following]) / 2 * (r + following_x.r) / 2,
-        )
+        ay = (following_x.vy - vy) / dt + (vx[k] + vx[following]) / 2 * (r + following_x.r) / 2
+        out[:, k] = vy, r, ay
         vy, r = following_x.vy, following_x.r
     return tuple(_sampled(t, at, values) for values in out)
 
@@ -165,7 +156,7 @@ def _positions(vx, vy, r):
 def _horizon_errors(windows, motions):
     x, y = _positions(windows.vx, windows.vy, windows.r)
     result = []
-    for model, (vy, r) in motions.items():
+    for model, (vy, r, _) in motions.items():
         vx = np.broadcast_to(windows.vx[:1], vy.shape) if model == HOLD else windows.vx
         x_model, y_model = _positions(vx, vy, r)
         away = np.hypot(x_model - x, y_model - y)
@@ -186,14 +177,10 @@ def _stretch(log):
     from scipy.ndimage import maximum_filter1d
 
     usable = log.valid & (log.vx > single_track_fit.LEAST_SPEED_MPS)
-    margin = round(LONGEST_DELAY_S / STEP_S)
-    active = maximum_filter1d(
-        np.abs(log.ay) * usable > ACTIVE_MPS2, 2 * round(AROUND_S / STEP_S) + 1
-    )
+    margin, around = round(LONGEST_DELAY_S / STEP_S), 2 * round(AROUND_S / STEP_S) + 1
+    active = maximum_filter1d(np.abs(log.ay) * usable > ACTIVE_MPS2, around)
     parts = [(max(a, margin), b) for a, b in stretches(active & usable) if b - a > 2 * margin]
-    if not parts:
-        parts = [(margin, len(log.t))]
-    a, b = max(parts, key=lambda part: np.abs(log.ay[slice(*part)]).max())
+    a, b = max(parts or [(margin, len(log.t))], key=lambda part: np.abs(log.ay[slice(*part)]).max())
     longest = round(LONGEST_S / STEP_S)
     if b - a > longest:  # around the peak
         peak = a + int(np.argmax(np.abs(log.ay[a:b])))
@@ -202,39 +189,17 @@ def _stretch(log):
     return a, b
 
 
-def _drive_through(log, model, linear, car, corrections, extended, plant):
-    a, b = _stretch(log)
-    margin = round(LONGEST_DELAY_S / STEP_S)
-    columns = (log.steer[a - margin : b], *(getattr(log, n)[a:b] for n in Windows._fields[1:]))
-    window = Windows(*(column[:, None] for column in columns))
-    delta = _steer(window, corrections)
-    motions = {
-        PREDICTION: predict(model, window, delta),
-        LINEAR: predict(linear, window, delta),
-    }
-    if extended:
-        motions[FITTED] = single_track_fit.simulate(
-            car, extended, window, window.vy[0], window.r[0]
-        )
-    if plant is not None:
-        motions[PLANT] = drive_plant(plant, window, delta)
-    t = np.arange(b - a) * STEP_S
+def _manoeuvre(name, window, motions):
     measured = _signals(window.vx, window.vy, window.r, window.ay)
-    models = {
-        name: _signals(window.vx, *(part[: b - a] for part in parts))
-        for name, parts in motions.items()
-    }
-    numbers = {name: _numbers(t, measured, signals) for name, signals in models.items()}
-    return Manoeuvre(log.name, t, measured, models, numbers)
+    models = {model: _signals(window.vx, *parts) for model, parts in motions.items()}
+    t = np.arange(len(window.vx)) * STEP_S
+    numbers = {model: _numbers(t, measured, signals) for model, signals in models.items()}
+    return Manoeuvre(name, t, measured, models, numbers)
 
 
 def _signals(vx, vy, r, ay):
-    return {
-        'r': r[:, 0],
-        'ay': ay[:, 0],
-        'vy': vy[:, 0],
-        'sideslip': np.arctan2(vy[:, 0], vx[:, 0]),
-    }
+    columns = {'r': r, 'ay': ay, 'vy': vy, 'sideslip': np.arctan2(vy, vx)}
+    return {name: column[:, 0] for name, column in columns.items()}
 
 
 def _numbers(t, measured, signals):

@@ -3,17 +3,14 @@
 import base64
 import html
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.markup import escape
-from rich.table import Table
 
 from bags.figures import style
 from experiments.measured import validation
-from experiments.measured.validation import HorizonError, Manoeuvre, Validation
+from experiments.measured.validation import Validation
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,63 +37,37 @@ STYLE = 'body{font:15px sans-serif;max-width:75em;margin:2em auto}td,th{padding:
 STYLE += 'text-align:right}td:first-child,th:first-child{text-align:left}img{max-width:100%}'
 
 
-def horizon_rows(errors: Sequence[HorizonError]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return header and rows of the errors ahead of every state."""
-    header = (
+def tables(result: Validation) -> list[tuple[str, list[str], list[list[str]]]]:
+    """Return title, columns and rows of a table per manoeuvre, and of the errors ahead."""
+    shown = []
+    for m in result.manoeuvres:
+        rows = []
+        for model, numbers in m.numbers.items():
+            for name, (label, unit, factor) in SIGNALS.items():
+                row = [model, f'{label} [{unit}]', f'{numbers[f"{name}_rms_of_range"]:.1%}']
+                for word in ('greatest', 'least'):
+                    row += [
+                        f'{numbers[f"{name}_{word}"] * factor:.3g}',
+                        f'{numbers[f"{name}_{word}_error"] * factor:+.2g}',
+                        f'{numbers[f"{name}_{word}_late_s"] * 1000:+.0f}',
+                    ]
+                rows.append(row)
+        peaks = [head for word in ('greatest', 'least') for head in (word, 'error', 'late [ms]')]
+        columns = ['model', 'signal', 'rms / range', *peaks]
+        shown.append((f'Through the manoeuvre of {m.log}', columns, rows))
+    columns = [
         'model',
         '|ay| [m/s²]',
         'ahead [s]',
         'starts',
         *(label for label, _ in ERRORS.values()),
-    )
-    rows = [
-        (
-            e.model,
-            f'{e.from_mps2:g} to {e.to_mps2:g}',
-            f'{e.ahead_s:g}',
-            str(e.starts),
-            *(f'{getattr(e, name) * factor:.3g}' for name, (_, factor) in ERRORS.items()),
-        )
-        for e in sorted(errors, key=lambda e: (-e.from_mps2, e.ahead_s))
     ]
-    return header, rows
-
-
-def manoeuvre_rows(m: Manoeuvre) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return header and rows of what the models make of a manoeuvre."""
-    header = (
-        'model',
-        'signal',
-        'rms / range',
-        'greatest',
-        'error',
-        'late [ms]',
-        'least',
-        'error',
-        'late [ms]',
-    )
-    rows = []
-    for model, numbers in m.numbers.items():
-        for name, (label, unit, factor) in SIGNALS.items():
-            cells = [f'{numbers[f"{name}_rms_of_range"]:.1%}']
-            for word in ('greatest', 'least'):
-                cells += [
-                    f'{numbers[f"{name}_{word}"] * factor:.3g}',
-                    f'{numbers[f"{name}_{word}_error"] * factor:+.2g}',
-                    f'{numbers[f"{name}_{word}_late_s"] * 1000:+.0f}',
-                ]
-            rows.append((model, f'{label} [{unit}]', *cells))
-    return header, rows
-
-
-def table(header: Sequence[str], rows: Sequence[Sequence[str]], title: str) -> Table:
-    """Return a table for the console."""
-    result = Table(box=None, padding=(0, 2, 0, 0), title=title, title_justify='left')
-    for k, name in enumerate(header):
-        result.add_column(escape(name), justify='right' if k else 'left')
-    for row in rows:
-        result.add_row(*map(escape, row))
-    return result
+    rows = [
+        [e.model, f'{e.from_mps2:g} to {e.to_mps2:g}', f'{e.ahead_s:g}', str(e.starts)]
+        + [f'{getattr(e, name) * factor:.3g}' for name, (_, factor) in ERRORS.items()]
+        for e in sorted(result.errors, key=lambda e: (-e.from_mps2, e.ahead_s))
+    ]
+    return [*shown, ('Errors ahead of every measured state, rms', columns, rows)]
 
 
 def draw(result: Validation, title: str) -> 'Figure':
@@ -120,14 +91,13 @@ def draw(result: Validation, title: str) -> 'Figure':
     for i, m in enumerate(result.manoeuvres):
         for k, (name, (label, unit, factor)) in enumerate(SIGNALS.items()):
             axes = figure.add_subplot(grid[2 + i, 3 * k : 3 * k + 3])
-            axes.plot(
-                m.t, m.measured[name] * factor, color=style.INK, linewidth=2.8, label='measured'
-            )
-            low, high = np.array([m.measured[name].min(), m.measured[name].max()]) * factor
+            measured = m.measured[name] * factor
+            axes.plot(m.t, measured, color=style.INK, linewidth=2.8, label='measured')
             for model, signals in m.models.items():
                 axes.plot(m.t, signals[name] * factor, color=COLOURS[model], label=model)
-            room = 0.4 * (high - low)
-            axes.set(ylabel=f'{label} [{unit}]', xlabel='time [s]', ylim=(low - room, high + room))
+            room = 0.4 * np.ptp(measured)
+            axes.set(ylim=(measured.min() - room, measured.max() + room))
+            axes.set(ylabel=f'{label} [{unit}]', xlabel='time [s]')
             axes.set_title(m.log if not k else '')
             if not k:
                 axes.legend(fontsize=7)
@@ -136,7 +106,9 @@ def draw(result: Validation, title: str) -> 'Figure':
 
 def write(result: Validation, folder: Path, title: str) -> dict[str, Path]:
     """Write the page, its figure and the numbers; return their paths."""
+    # imported late: a second to load
     import matplotlib as mpl
+    import pandas
 
     folder.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context(style.RC):
@@ -148,16 +120,10 @@ def write(result: Validation, folder: Path, title: str) -> dict[str, Path]:
     paths = {'page': folder / 'validation.html', 'numbers': folder / 'validation.json'}
     paths['numbers'].write_text(json.dumps(numbers, indent=1) + '\n')
     image = base64.b64encode(picture.read_bytes()).decode()
-    tables = [('Errors ahead of every measured state', *horizon_rows(result.errors))]
-    tables += [(f'Through the manoeuvre of {m.log}', *manoeuvre_rows(m)) for m in result.manoeuvres]
     body = f'<img alt="" src="data:image/png;base64,{image}">'
-    for heading, header, rows in tables:
-        lines = ''.join(
-            '<tr>' + ''.join(f'<td>{html.escape(cell)}</td>' for cell in row) + '</tr>'
-            for row in rows
-        )
-        head = ''.join(f'<th>{html.escape(name)}</th>' for name in header)
-        body += f'<h2>{html.escape(heading)}</h2><table><tr>{head}</tr>{lines}</table>'
+    for heading, columns, rows in tables(result):
+        shown = pandas.DataFrame(rows, columns=columns).to_html(index=False, border=0)
+        body += f'<h2>{html.escape(heading)}</h2>{shown}'
     title = html.escape(title)
     paths['page'].write_text(
         f'<!doctype html><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'

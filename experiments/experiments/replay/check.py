@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from bags.errors import BagError
 from bags.storage import read
+from experiments import console as tables
 from experiments.replay import recorded_ticks, replayed_controller, replayed_estimator
 from experiments.replay.recorded_ticks import Tick
 from experiments.replay.replayed_controller import ReplayedController
@@ -204,10 +204,7 @@ def show(report: Report, console: Console) -> None:
             f'  [red]differs[/] in {len(report.failures)} of {count}; first in tick '
             f'{first.tick.number} at {first.tick.t_s:.2f} s:'
         )
-        table = Table(box=None, pad_edge=True, padding=(0, 1), header_style='bold')
-        table.add_column('field', no_wrap=True)
-        for title in ('recorded', 'replayed', 'difference', 'allowed'):
-            table.add_column(title, justify='right', no_wrap=True)
+        rows = []
         for pair in first.differing[:MAX_FIELDS]:
             group, _, name = pair.field.partition('.')
             unit = f' [dim]{COMMAND_UNITS[name]}[/]' if group == 'command' else ''
@@ -215,8 +212,9 @@ def show(report: Report, console: Console) -> None:
             values = (v if isinstance(v, str) else f'{v:.9g}' for v in sides)
             difference = '' if pair.difference == np.inf else f'{pair.difference:.1e}'
             allowed = f'{pair.tolerance:.1e}' if pair.tolerance else ''
-            table.add_row(f'{pair.field}{unit}', *values, difference, allowed)
-        console.print(table)
+            rows.append((f'{pair.field}{unit}', *values, difference, allowed))
+        columns = ('field', 'recorded', 'replayed', 'difference', 'allowed')
+        console.print(tables.table(columns, rows, no_wrap=True))
         rest = len(first.differing) - MAX_FIELDS
         if rest > 0:
             console.print(f'  and {rest} more fields')

@@ -136,10 +136,8 @@ class Problem:
         known = self.weights
         for name, factor in factors.items():
             if name not in known:
-                hint = closest(name, known)
-                raise BagError(
-                    f'weights.{name}: no such weight; there are {", ".join(known)}{hint}'
-                )
+                there = f'{", ".join(known)}{closest(name, known)}'
+                raise BagError(f'weights.{name}: no such weight; there are {there}')
             if not 0.0 <= factor < np.inf:
                 raise BagError(f'weights.{name}: {factor!r} is out of range; allowed from 0')
         parameters = self.tick_problem.parameters
@@ -169,7 +167,7 @@ class Problem:
         parameters = self.tick_problem.parameters
         view = self.prediction.evaluator.evaluate(self._to_local(plan), parameters.P)
         car, x0, step_s = self.tick_problem.car, self.tick_problem.x0, params.model.step_s
-        target = setpoints.target_of_plan(plan, car, params.limits)
+        target, now = setpoints.target_of_plan(plan, car, params.limits), Setpoints(x0.delta, x0.Fx)
         # the limits of the last stage: those of states and inputs are equal at all
         bounds, state = self.tick_problem.bounds, self.prediction.formulation.ocp.state
         limits = dict(zip(state._fields, zip(bounds.x_low[-1], bounds.x_high[-1])))
@@ -178,9 +176,7 @@ class Problem:
             is_feasible=not fallback.rejection_reason(solution, params.fallback),
             status=f'{level}: {solution.message}',
             iterations=solution.iterations,
-            command=setpoints.command_to(
-                target, Setpoints(x0.delta, x0.Fx), car, step_s, self.stamp_ns
-            ),
+            command=setpoints.command_to(target, now, car, step_s, self.stamp_ns),
             t=step_s * np.arange(len(plan.X)),
             states=State(*plan.X.T)._asdict(),
             inputs=Input(*plan.U.T)._asdict(),

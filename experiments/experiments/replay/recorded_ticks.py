@@ -147,30 +147,21 @@ class RecordedTopic:
         return next((value for value in values if value is not None), None)
 
 
-def _newest(topic, stamp_ns, wall_ns):
-    """Return the newest message up to a stamp, in realtime up to an instant of the wall clock.
-
-    Repeated unchanged while valid: the first recorded message was already valid before.
-    """
-    sent = (topic.stamp_ns, stamp_ns) if wall_ns is None else (topic.sent_ns, wall_ns)
-    return topic.newest(bisect_right(*sent))
+def _count(topic, stamp_ns, wall_ns):
+    """Return how many messages there were up to a stamp, in realtime up to an instant [ns]."""
+    if wall_ns is None:
+        return bisect_right(topic.stamp_ns, stamp_ns)
+    return bisect_right(topic.sent_ns, wall_ns)
 
 
 def _current(topic, stamp_ns, wall_ns, gaps):
     """Return the message of a stamp, in realtime the newest."""
     if wall_ns is None:
         return topic.at_stamp(stamp_ns)
-    if not bisect_right(topic.sent_ns, wall_ns):
+    count = _count(topic, stamp_ns, wall_ns)
+    if not count:
         gaps.append(f'what it knew of {topic.topic.name} was not recorded')
-    return _newest(topic, stamp_ns, wall_ns)
-
-
-def _predictions(topic, stamp_ns, wall_ns):
-    """Return the newest predictions of obstacles, None before there were any."""
-    if topic is None:
-        return None
-    sent = (topic.stamp_ns, stamp_ns) if wall_ns is None else (topic.sent_ns, wall_ns)
-    return _newest(topic, stamp_ns, wall_ns) if bisect_right(*sent) else None
+    return topic.newest(count)
 
 
 def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
@@ -193,15 +184,16 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
         # when it began in realtime
         wall_ns = int(reports.sent_ns[row]) - _duration_ns(why, 'prepare', 'solve')
         instant = stamp_ns, None if lockstep else wall_ns
-        # also where the stamp or the publisher's sequence decreases
-        restarted = last is None or bool(
-            reports.stamp_ns[row] < reports.stamp_ns[last]
-            or 0 < reports.sequence[row] <= reports.sequence[last]
-        )
-        # after braking without a state the set-points are reset to the actuators
-        restarted = restarted or (_has_no_state(ticks[-1].why) and not _has_no_state(why))
         resumed = bool(why.values.get(RESUMED))
-        restarted = restarted or resumed
+        restarted = (
+            resumed
+            or last is None
+            # the stamp or the publisher's sequence decreases
+            or reports.stamp_ns[row] < reports.stamp_ns[last]
+            or 0 < reports.sequence[row] <= reports.sequence[last]
+            # after braking without a state the set-points are reset to the actuators
+            or (_has_no_state(ticks[-1].why) and not _has_no_state(why))
+        )
         answered = topics[COMMAND].stamp_ns
         if not restarted and np.any((answered > reports.stamp_ns[last]) & (answered < stamp_ns)):
             gaps.append(f'a tick without a message of {WHY}')
@@ -212,10 +204,13 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
                 state = getattr(state, 'state', state)  # of an estimate
             else:
                 gaps.append('its state was lost')
+        predictions = topics.get(PREDICTIONS)  # unlike a path, unknown before the first message
+        known = _count(predictions, *instant) if predictions else 0
         inputs = RecordedInputs(
             state=state,
-            reference=_newest(topics[REFERENCE], *instant),
-            edges=_newest(topics[EDGES], *instant),
+            # repeated unchanged while valid: the first recorded message was already valid before
+            reference=topics[REFERENCE].newest(_count(topics[REFERENCE], *instant)),
+            edges=topics[EDGES].newest(_count(topics[EDGES], *instant)),
             obstacles=_current(topics[OBSTACLES], *instant, gaps),
             actuators=_current(topics[ACTUATORS], *instant, gaps) if restarted else None,
             acts_ns=stamp_ns + _duration_ns(why, 'lead'),
@@ -223,7 +218,7 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
             resumed=resumed,
             changes=run_time_parameters.reported(why.values),
             compared=_compared_actuators(topics[ACTUATORS], why, gaps),
-            predictions=_predictions(topics.get(PREDICTIONS), *instant),
+            predictions=predictions.newest(known) if known else None,
         )
         command, prediction = (
             topics[name].find(stamp_ns) if name in topics else None

@@ -49,14 +49,8 @@ class ReplayedController:
         self.controller.set_obstacles(inputs.obstacles)
         self.controller.set_predictions(inputs.predictions)
         state = inputs.state if inputs.state is not None else unknown_state(stamp_ns)
-        record = self.controller.step(
-            TickInputs(
-                state,
-                fault=inputs.fault,
-                effective_ns=inputs.acts_ns,
-                actuators=inputs.compared,
-            )
-        )
+        given = TickInputs(state, effective_ns=inputs.acts_ns, actuators=inputs.compared)
+        record = self.controller.step(given._replace(fault=inputs.fault))
         plan, why = self.controller.report(record)
         return record.command, conversions.prediction_as_received(plan), why
 

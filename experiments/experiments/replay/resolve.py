@@ -122,14 +122,9 @@ def find_sensitivities(problem: Problem) -> tuple[Sensitivity, ...]:
     for name, weight in start.weights.items():
         if weight:
             less, more = (_solve(start.scale_weights({name: 1 + s * STEP})) for s in (-1, 1))
+            cost, v2o = more.cost - less.cost, more.least_v2o - less.least_v2o
             sensitivities.append(
-                Sensitivity(
-                    name,
-                    weight,
-                    solution.terms[name],
-                    (more.cost - less.cost) / step,
-                    (more.least_v2o - less.least_v2o) / step,
-                )
+                Sensitivity(name, weight, solution.terms[name], cost / step, v2o / step)
             )
     return tuple(sensitivities)
 
@@ -144,19 +139,16 @@ def _solve(problem: Problem) -> Solved:
 def show(answer: Answer, console: Console) -> None:
     """Print commands, cost, distances, active limits and sensitivities as tables."""
     tick = answer.tick
-    console.print(
-        f'{answer.name}, tick {tick.number} at {tick.t_s:.2f} s: recorded {tick.why.message}',
-        markup=False,
-        highlight=False,
-    )
+    head = f'{answer.name}, tick {tick.number} at {tick.t_s:.2f} s'
+    console.print(f'{head}: recorded {tick.why.message}', markup=False, highlight=False)
     for label, solved in zip(HEADS, answer.both):
         end = f'{solved.status} after {solved.iterations} iterations'
         console.print(f'{label}: {end}', highlight=False)
     console.print(_verdict(answer), highlight=False)
-    for table in (_commands, _terms, _distances, _limits, _sensitivities):
-        if table is not _sensitivities or answer.sensitivities:
-            console.print()
-            console.print(table(answer))
+    tables = [_commands, _terms, _distances, _limits]
+    for table in [*tables, _sensitivities] if answer.sensitivities else tables:
+        console.print()
+        console.print(table(answer))
 
 
 def _verdict(answer):
@@ -175,10 +167,9 @@ def _verdict(answer):
     return f'[red]the command is not the recorded one[/]{because}'
 
 
-def _table(title, *columns):
-    table = Table(
-        title=title, title_justify='left', box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False
-    )
+def _table(title, *columns, caption=None):
+    look = {'box': box.SIMPLE_HEAD, 'show_edge': False, 'pad_edge': False, 'caption': caption}
+    table = Table(title=title, title_justify='left', caption_justify='left', **look)
     for i, name in enumerate(columns):
         table.add_column(name, justify='right' if i else 'left', no_wrap=True)
     return table
@@ -201,14 +192,13 @@ def _terms(answer):
     columns = ['weight', 'value', 'share']
     if answer.changed:
         columns += [f'{column}\nchanged' for column in columns]
-    table = _table('cost of the plan', 'term', *columns)
+    caption = 'value: weight x squared error, summed over the horizon; share: of the cost'
+    table = _table('cost of the plan', 'term', *columns, caption=caption)
     for name in dict.fromkeys(name for solved in answer.both for name in solved.terms):
         table.add_row(name, *(cell for solved in answer.both for cell in _term(solved, name)))
     table.add_section()
     sums = (('', f'{solved.cost:.4f}', '100 %') for solved in answer.both)
     table.add_row('sum', *(cell for cells in sums for cell in cells))
-    table.caption = 'value: weight x squared error, summed over the horizon; share: of the cost'
-    table.caption_justify = 'left'
     return table
 
 
@@ -221,14 +211,13 @@ def _term(solved, name):
 
 
 def _distances(answer):
-    table = _table('least distance of the plan', 'to', *_heads(answer))
+    caption = (
+        'at a stage: so many steps of the prediction ahead; inside: nearer than the safety distance'
+    )
+    table = _table('least distance of the plan', 'to', *_heads(answer), caption=caption)
     by_name = [{d.name: d for d in solved.distances} for solved in answer.both]
     for name in dict.fromkeys(name for distances in by_name for name in distances):
         table.add_row(name, *(_least_distance(distances.get(name)) for distances in by_name))
-    table.caption = (
-        'at a stage: so many steps of the prediction ahead; inside: nearer than the safety distance'
-    )
-    table.caption_justify = 'left'
     return table
 
 
@@ -241,19 +230,15 @@ def _least_distance(distance):
 
 
 def _limits(answer):
-    table = _table('limits in force', 'limit', 'value', 'unit', 'at stages', 'multiplier')
-    table.caption = 'multiplier: cost saved per SI unit by which the limit is relaxed, the largest'
-    table.caption_justify = 'left'
+    columns = ('limit', 'value', 'unit', 'at stages', 'multiplier')
+    caption = 'multiplier: cost saved per SI unit by which the limit is relaxed, the largest'
+    table = _table('limits in force', *columns, caption=caption)
     for label, solved in zip(_heads(answer), answer.both):
         for limit in solved.active:
             stages = f'{limit.first}–{limit.last}' if limit.last > limit.first else f'{limit.first}'
-            table.add_row(
-                f'{label}: {limit.side} limit of {limit.quantity}',
-                f'{limit.limit:.4g}',
-                UNITS.get(limit.quantity, ''),
-                stages,
-                f'{limit.multiplier:.3g} at {limit.at}',
-            )
+            what, unit = f'{limit.side} limit of {limit.quantity}', UNITS.get(limit.quantity, '')
+            force = f'{limit.multiplier:.3g} at {limit.at}'
+            table.add_row(f'{label}: {what}', f'{limit.limit:.4g}', unit, stages, force)
         if not solved.active:
             table.add_row(f'{label}: none')
     return table
@@ -263,11 +248,7 @@ def _sensitivities(answer):
     columns = ('term', 'weight', 'cost', 'by differences', 'obstacle distance, mm')
     table = _table('what changes when a weight grows by one percent', *columns)
     for entry in answer.sensitivities:
-        table.add_row(
-            entry.weight,
-            f'{entry.value:.4g}',
-            f'{PERCENT * entry.cost:+.6f}',
-            f'{PERCENT * entry.cost_difference:+.6f}',
-            '–' if np.isnan(entry.v2o) else f'{PERCENT * MM * entry.v2o:+.4f}',
-        )
+        costs = (f'{PERCENT * cost:+.6f}' for cost in (entry.cost, entry.cost_difference))
+        v2o = '–' if np.isnan(entry.v2o) else f'{PERCENT * MM * entry.v2o:+.4f}'
+        table.add_row(entry.weight, f'{entry.value:.4g}', *costs, v2o)
     return table

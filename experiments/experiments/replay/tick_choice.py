@@ -45,8 +45,11 @@ def choose(
     t = (stamps - stamps[0]) * NS
     columns = read.columns(drop_invalid(bag), recorded_ticks.NEEDED)
     run = EvaluatedDrive(drive_from_columns(columns, bag.run_info, str(bag.path)))
-    stations = run.station_at(stamps)
-    because = ''
+    stations, because = run.station_at(stamps), ''
+
+    def last_until(stamp_ns):
+        return max(int(np.searchsorted(stamps, stamp_ns, side='right')) - 1, 0)
+
     if time is not None:
         _check(bag, 'time', time, 0.0, t[-1], 's')
         # a time as text may be a rounding below that of its tick
@@ -60,11 +63,19 @@ def choose(
             raise BagError(f'{bag.path}: every tick followed a fresh plan')
         number, because = int(rows[0]), EVENTS[event]
     elif event == LOSS:
-        number, because = _before_loss(bag, run, stamps)
+        losses = outcome.find_losses(run)
+        if not losses:
+            raise BagError(
+                f'{bag.path}: the car neither collided nor left the road nor slid; --at closest '
+                'shows the least distance to an obstacle'
+            )
+        row, what = losses[0]
+        number = last_until(run.stamp_ns[row] - LEAD_S / NS)
+        lead = (run.stamp_ns[row] - stamps[number]) * NS
+        because = f'{lead:.1f} s before station {run.series.station[row]:.0f} m, where it {what}'
     else:
         row, because = _extreme(bag, event, run.series)
-        stamp = run.stamp_ns[row]
-        number = max(int(np.searchsorted(stamps, stamp, side='right')) - 1, 0)
+        number = last_until(run.stamp_ns[row])
     return ChosenTick(number, float(t[number]), float(stations[number]), because)
 
 
@@ -73,20 +84,6 @@ def _check(bag, what, value, low, high, unit):
         raise BagError(
             f'{bag.path}: no tick at {what} {value:g} {unit}; it has {low:g} to {high:g} {unit}'
         )
-
-
-def _before_loss(bag, run, stamps):
-    losses = outcome.find_losses(run)
-    if not losses:
-        raise BagError(
-            f'{bag.path}: the car neither collided nor left the road nor slid; --at closest shows '
-            'the least distance to an obstacle'
-        )
-    row, what = losses[0]
-    stamp = run.stamp_ns[row] - LEAD_S / NS
-    number = max(int(np.searchsorted(stamps, stamp, side='right')) - 1, 0)
-    lead = (run.stamp_ns[row] - stamps[number]) * NS
-    return number, f'{lead:.1f} s before station {run.series.station[row]:.0f} m, where it {what}'
 
 
 def _extreme(bag, event, series):

@@ -4,7 +4,6 @@ The columns before `error` say which drive it is, those after it what came out. 
 error has no results and is left out.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -71,9 +70,8 @@ class DriveTable(NamedTuple):
         try:
             return values.astype(float)
         except (ValueError, TypeError):
-            raise BagError(
-                f'--metric {name}: holds words; allowed numbers, and true or false'
-            ) from None
+            text = f'--metric {name}: holds words; allowed numbers, and true or false'
+            raise BagError(text) from None
 
 
 def load(path: Path) -> DriveTable:
@@ -90,11 +88,10 @@ def load(path: Path) -> DriveTable:
         raise BagError(f'{file}: no table: {error}') from None
     if ERROR not in rows:
         raise BagError(f'{file}: has no column {ERROR!r}; allowed tables of drives')
-    place = rows.columns.get_loc(ERROR)
     driven = rows[rows[ERROR].fillna('') == ''].copy()
     if driven.empty:
         raise BagError(f'{file}: no drive has a result')
-    inputs = tuple(rows.columns[:place])
+    inputs = tuple(rows.columns[: rows.columns.get_loc(ERROR)])
     for name in inputs:  # a list can be no group; its text can
         driven[name] = driven[name].map(
             lambda value: str(value.tolist()) if isinstance(value, np.ndarray) else value
@@ -108,13 +105,12 @@ def _labels(rows, names):
     return pandas.Series(texts, rows.index, dtype=object)
 
 
-def is_truth(values: pandas.Series) -> bool:
-    """Tell whether a metric is true or false."""
-    return values.dtype == 'boolean'
-
-
-def controllers(table: DriveTable) -> Sequence[str]:
-    """Return the controllers of a table in their order; '' alone where it has no such column."""
-    if CONTROLLER not in table.rows:
-        return ['']
-    return list(dict.fromkeys(table.rows[CONTROLLER]))
+def by_controller(table: DriveTable) -> dict[str, DriveTable]:
+    """Return the drives of each controller, in their order; all under '' without such a column."""
+    rows = table.rows
+    if CONTROLLER not in rows:
+        return {'': table}
+    return {
+        name: table._replace(rows=rows[rows[CONTROLLER] == name].reset_index(drop=True))
+        for name in dict.fromkeys(rows[CONTROLLER])
+    }

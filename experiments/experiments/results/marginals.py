@@ -13,14 +13,14 @@ import numpy as np
 import pandas
 
 from bags.errors import BagError
-from experiments.results.drive_table import CONTROLLER, REPEAT, DriveTable, is_truth
+from experiments.results.drive_table import CONTROLLER, REPEAT, DriveTable
 from experiments.statistical_inference import wilson_interval
 from msgs_yaml.strict_yaml import closest
 
 LEVELS = 12  # distinct numbers of a column; more are put into bins
 BINS = 5
 QUANTILES = {'q05': 0.05, 'q25': 0.25, 'median': 0.5, 'q75': 0.75, 'q95': 0.95}
-RESAMPLES = 2000
+RESAMPLES, SEED = 2000, 0
 CONFIDENCE = 0.95
 
 
@@ -47,11 +47,6 @@ def plain(value: Any) -> Any:
     return level_text(value) if isinstance(value, pandas.Interval) else value
 
 
-def level_middle(level: Any) -> float:
-    """Return the number that stands for a group on an axis."""
-    return float(level.mid if isinstance(level, pandas.Interval) else level)
-
-
 def summarise(
     table: DriveTable, metric: str, by: Sequence[str], bins: int = BINS
 ) -> pandas.DataFrame:
@@ -66,7 +61,7 @@ def summarise(
         chosen = values[numbers]
         known = chosen.dropna()
         counts = {'drives': len(chosen), 'missing': len(chosen) - len(known)}
-        if is_truth(values):
+        if values.dtype == 'boolean':
             summary = {'share': np.nan, 'low': np.nan, 'high': np.nan}
             if len(known):
                 low, high = wilson_interval(int(known.sum()), len(known))
@@ -93,7 +88,6 @@ def compare(
     pair: tuple[str, str],
     by: Sequence[str] = (),
     bins: int = BINS,
-    seed: int = 0,
 ) -> pandas.DataFrame:
     """Return the metric of the first controller minus that of the second, drive by drive.
 
@@ -114,18 +108,15 @@ def compare(
                 f'--pair: no drive of {name!r}; there are {", ".join(known)}{closest(name, known)}'
             )
         sides.append(rows[[*same, '_value']])
-    paired = (
-        sides[0]
-        .merge(sides[1], on=same, suffixes=('_1', '_2'))
-        .dropna(subset=['_value_1', '_value_2'])
-    )
+    paired = sides[0].merge(sides[1], on=same, suffixes=('_1', '_2'))
+    paired = paired.dropna(subset=['_value_1', '_value_2'])
     if paired.empty:
         raise BagError(f'--pair: {pair[0]} and {pair[1]} share no drive with a value of {metric}')
     for name in by:
         if name not in same:
             raise BagError(f'--by {name}: goes with --pair only for {", ".join(same)}')
     paired['_difference'] = paired['_value_1'] - paired['_value_2']
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(SEED)
     both = table._replace(rows=paired)
     return pandas.DataFrame(
         {**dict(zip(by, key)), **_difference(paired.loc[numbers], table, rng)}
@@ -140,15 +131,10 @@ def _difference(paired, table, rng):
     by_unit = values.groupby(table.units(paired)).mean().to_numpy()
     low = high = np.nan  # of a single value
     if len(by_unit) > 1:
-        low, high = bootstrap(
-            (by_unit,),
-            np.mean,
-            n_resamples=RESAMPLES,
-            confidence_level=CONFIDENCE,
-            method='percentile',
-            batch=max(1, 1_000_000 // len(by_unit)),
-            random_state=rng,
-        ).confidence_interval
+        how = {'n_resamples': RESAMPLES, 'confidence_level': CONFIDENCE, 'random_state': rng}
+        batch = max(1, 1_000_000 // len(by_unit))
+        resampled = bootstrap((by_unit,), np.mean, method='percentile', batch=batch, **how)
+        low, high = resampled.confidence_interval
     return {
         'pairs': len(values),
         'mean': float(by_unit.mean()),

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from bags.errors import BagError
 from bags.figures import style
 from experiments.results import drive_table, marginals, success_surface
-from experiments.results.drive_table import CONTROLLER, DriveTable
+from experiments.results.drive_table import DriveTable
 
 COLOURS = 'RdYlBu'  # of shares: red fails, blue holds
 OTHER_COLOURS = 'cividis'
@@ -29,21 +29,23 @@ def write_marginal(
     Shares have their interval of 95 %, numbers the range from the 5th to the 95th percentile, and
     darker from the 25th to the 75th.
     """
-    names = drive_table.controllers(table)
-    colours = style.assign_colours(names)
+    parts = drive_table.by_controller(table)
+    colours = style.assign_colours(list(parts))
     with mpl.rc_context(style.RC):
         figure = Figure(figsize=(6.4, 4.2), layout='constrained')
         axes = figure.subplots()
         is_share, ticks = False, {}
-        for k, name in enumerate(names):
-            summary = marginals.summarise(_rows_of(table, name), metric, [column], bins)
+        for k, (name, part) in enumerate(parts.items()):
+            summary = marginals.summarise(part, metric, [column], bins)
             places = _places(summary[column], ticks)
             is_share = 'share' in summary
-            shift = (k - (len(names) - 1) / 2) * 0.012 * np.ptp(places)
-            # an area needs an axis of numbers
-            draw_numbers = _draw_bars if ticks else _draw_areas
-            draw = _draw_shares if is_share else draw_numbers
-            draw(axes, places + shift, summary, colours[name], str(name))
+            places = places + (k - (len(parts) - 1) / 2) * 0.012 * np.ptp(places)
+            look = {'color': colours[name], 'marker': 'o', 'ms': 4, 'label': str(name)}
+            if is_share:
+                errors = [summary['share'] - summary['low'], summary['high'] - summary['share']]
+                axes.errorbar(places, summary['share'], errors, capsize=3, **look)
+            else:
+                _draw_numbers(axes, places, summary, look, with_areas=not ticks)
         if ticks:
             axes.set_xticks(list(ticks.values()), list(map(marginals.level_text, ticks)))
             axes.set_xlim(-0.5, len(ticks) - 0.5)
@@ -51,44 +53,33 @@ def write_marginal(
         axes.set_ylabel(f'share of drives: {metric}' if is_share else metric)
         if is_share:
             axes.set_ylim(-0.03, 1.03)
-        if names != ['']:
-            figure.legend(loc='outside upper right', ncols=len(names))
+        if [*parts] != ['']:
+            figure.legend(loc='outside upper right', ncols=len(parts))
         return style.save_figure(figure, stem)
 
 
 def _places(levels, ticks):
     """Return where the groups are on the axis; words are counted in `ticks`."""
     try:
-        return np.array([marginals.level_middle(level) for level in levels])
+        middles = (v.mid if isinstance(v, pandas.Interval) else v for v in levels)
+        return np.array([float(middle) for middle in middles])
     except (ValueError, TypeError):
         return np.array([ticks.setdefault(level, len(ticks)) for level in levels], dtype=float)
 
 
-def _draw_shares(axes, places, summary, colour, name):
-    errors = [summary['share'] - summary['low'], summary['high'] - summary['share']]
-    axes.errorbar(
-        places, summary['share'], errors, color=colour, marker='o', ms=4, capsize=3, label=name
-    )
-
-
-def _draw_bars(axes, places, summary, colour, name):
-    axes.vlines(places, summary['q05'], summary['q95'], color=colour, lw=1.2)
-    axes.vlines(places, summary['q25'], summary['q75'], color=colour, lw=5.0, alpha=0.5)
-    axes.plot(places, summary['median'], color=colour, marker='o', ms=4, ls='', label=name)
-
-
-def _draw_areas(axes, places, summary, colour, name):
-    axes.fill_between(places, summary['q05'], summary['q95'], color=colour, alpha=0.12, lw=0)
-    axes.fill_between(places, summary['q25'], summary['q75'], color=colour, alpha=0.22, lw=0)
-    axes.plot(places, summary['median'], color=colour, marker='o', ms=4, label=name)
+def _draw_numbers(axes, places, summary, look, with_areas):
+    """Draw medians and quantiles: as areas on an axis of numbers, elsewhere as bars."""
+    for low, high, strength, width in (('q05', 'q95', 0.12, 1.2), ('q25', 'q75', 0.22, 5.0)):
+        ends = places, summary[low], summary[high]
+        if with_areas:
+            axes.fill_between(*ends, color=look['color'], alpha=strength, lw=0)
+        else:
+            axes.vlines(*ends, color=look['color'], lw=width, alpha=0.5 if width > 2 else 1.0)
+    axes.plot(places, summary['median'], ls='-' if with_areas else '', **look)
 
 
 def write_map(
-    table: DriveTable,
-    metric: str,
-    columns: tuple[str, str],
-    stem: Path,
-    bins: int = marginals.BINS,
+    table: DriveTable, metric: str, columns: tuple[str, str], stem: Path, bins: int = marginals.BINS
 ) -> list[Path]:
     """Write a metric over two columns, a panel per controller; return the paths of PNG and SVG.
 
@@ -100,9 +91,9 @@ def write_map(
         table = table._replace(rows=table.rows.assign(**{name: marginals.levels(values, bins)}))
     summary = marginals.summarise(table, metric, columns)
     quantity = 'share' if 'share' in summary else 'median'
-    spread, numbers = (0.0, 1.0), summary[quantity].dropna()
-    if quantity == 'median' and len(numbers):
-        spread = numbers.min(), numbers.max()
+    low, high = 0.0, 1.0
+    if quantity == 'median' and summary[quantity].notna().any():
+        low, high = summary[quantity].min(), summary[quantity].max()
 
     def draw(axes, part, _):
         cells = marginals.summarise(part, metric, columns).pivot(
@@ -110,20 +101,21 @@ def write_map(
         )
         values = cells[quantity].to_numpy(dtype=float)
         colours = mpl.colormaps[COLOURS if quantity == 'share' else OTHER_COLOURS]
-        image = axes.imshow(
-            np.ma.masked_invalid(values), colours, vmin=spread[0], vmax=spread[1],
-            origin='lower', aspect='auto',
-        )  # fmt: skip
+        known = np.ma.masked_invalid(values)
+        ends = {'vmin': low, 'vmax': high, 'origin': 'lower', 'aspect': 'auto'}
+        image = axes.imshow(known, colours, **ends)
         for (row, column), value in np.ndenumerate(values):
             if np.isfinite(value):
                 text = f'{value:.2g}\n({cells["drives"].iat[row, column]:.0f})'
-                ink = _ink(image.cmap(image.norm(value)))
+                red, green, blue, _ = image.cmap(image.norm(value))
+                ink = 'white' if 0.299 * red + 0.587 * green + 0.114 * blue < DARK else style.INK
                 axes.text(column, row, text, ha='center', va='center', color=ink, fontsize=7.5)
-        names = [[marginals.level_text(v) for v in labels] for labels in (
-            cells[quantity].columns, cells.index
-        )]  # fmt: skip
-        axes.set_xticks(range(len(names[0])), names[0], rotation=30, ha='right')
-        axes.set_yticks(range(len(names[1])), names[1])
+        across, up = (
+            list(map(marginals.level_text, labels))
+            for labels in (cells[quantity].columns, cells.index)
+        )
+        axes.set_xticks(range(len(across)), across, rotation=30, ha='right')
+        axes.set_yticks(range(len(up)), up)
         axes.grid(False)
         return image
 
@@ -141,7 +133,7 @@ def write_surface(
     whose drives nearly all agree has no surface. Raises BagError for a metric that is not true or
     false, for columns without numbers, and where no controller has a surface.
     """
-    if not drive_table.is_truth(table.metric(metric)):
+    if table.metric(metric).dtype != 'boolean':
         raise BagError(f'--metric {metric}: a surface needs a metric that is true or false')
     for name in columns:
         if not pandas.api.types.is_numeric_dtype(table.column(name, '--by')):
@@ -168,18 +160,16 @@ def write_surface(
             lines = axes.contour(*grid, surface.share, CONTOURS, colors='k', linewidths=1.0)
             axes.clabel(lines, fmt='%g', fontsize=8)
             if surface.low.max() > SURE > surface.low.min():
-                axes.contour(
-                    *grid, surface.low, [SURE], colors='k', linestyles='--', linewidths=1.4
-                )
+                dashed = {'colors': 'k', 'linestyles': '--', 'linewidths': 1.4}
+                axes.contour(*grid, surface.low, [SURE], **dashed)
         axes.plot(x[holds], y[holds], 'o', ms=3.0, mfc=style.INK, mec='white', mew=0.4)
         axes.plot(x[~holds], y[~holds], 'o', ms=3.4, mfc='white', mec=style.INK, mew=0.6)
         axes.set_title(f'{axes.get_title(loc="left")} ({note})'.lstrip())
         axes.grid(False)
         return mpl.cm.ScalarMappable(mpl.colors.Normalize(0.0, 1.0), COLOURS)
 
-    names = drive_table.controllers(table)
     paths = _panels(table, columns, f'share of drives: {metric}', draw, stem)
-    if len(faults) == len(names):
+    if len(faults) == len(drive_table.by_controller(table)):
         for path in paths:
             path.unlink()
         raise BagError('; '.join(faults))
@@ -189,28 +179,15 @@ def write_surface(
 def _panels(
     table: DriveTable, columns: Sequence[str], title: str, draw: Callable, stem: Path
 ) -> list[Path]:
-    names = drive_table.controllers(table)
+    parts = drive_table.by_controller(table)
     with mpl.rc_context(style.RC):
-        size = (PANEL[0] * len(names) + 0.9, PANEL[1])
+        size = (PANEL[0] * len(parts) + 0.9, PANEL[1])
         figure = Figure(figsize=size, layout='constrained')
-        grid = figure.subplots(1, len(names), squeeze=False, sharex=True, sharey=True)[0]
-        for axes, name in zip(grid, names):
+        grid = figure.subplots(1, len(parts), squeeze=False, sharex=True, sharey=True)[0]
+        for axes, (name, part) in zip(grid, parts.items()):
             axes.set_title(str(name))
             axes.set_xlabel(columns[0])
-            image = draw(axes, _rows_of(table, name), name)
+            image = draw(axes, part, name)
         grid[0].set_ylabel(columns[1])
         figure.colorbar(image, ax=grid, label=title)
         return style.save_figure(figure, stem)
-
-
-def _rows_of(table, controller):
-    """Return the drives of a controller; all of a table without controllers."""
-    if CONTROLLER not in table.rows:
-        return table
-    rows = table.rows[table.rows[CONTROLLER] == controller]
-    return table._replace(rows=rows.reset_index(drop=True))
-
-
-def _ink(colour):
-    red, green, blue, _ = colour
-    return 'white' if 0.299 * red + 0.587 * green + 0.114 * blue < DARK else style.INK

@@ -8,6 +8,17 @@ from typing import NamedTuple
 
 MODES, SWITCH = ('lockstep', 'realtime'), ('true', 'false')
 LEVELS = ('debug', 'info', 'warn', 'error', 'fatal')
+PARAMS_FILE = (
+    'ROS parameter files, with sections for scenario, controller, plant and recorder; several are '
+    'separated by blanks, and the last one counts'
+)
+SET = (
+    'parameters as NODE.parameter=value, such as plant.friction=0.6; several are separated by '
+    'blanks; they win over params_file'
+)
+ANY_CAR = 'whether to drive also with a car file of the controller that is not that of the plant'
+AUTOSTART = 'false: the nodes wait, unconfigured, for the transitions of their life cycle '
+AUTOSTART += '(ros2 lifecycle set)'
 
 
 class LaunchArgument(NamedTuple):
@@ -19,49 +30,21 @@ class LaunchArgument(NamedTuple):
     choices: Sequence[str] | None = None  # None: any text
 
 
-ARGUMENTS = (
-    LaunchArgument(
-        'scenario', 'double_lane_change', 'name of a scenario, or the path of a YAML file'
-    ),
-    LaunchArgument(
-        'controller', 'mpcc', 'name of a file in mpcc_controller/config, or path of one'
-    ),
-    LaunchArgument('mode', 'lockstep', 'lockstep: simulated time; realtime: wall clock', MODES),
-    LaunchArgument(
-        'out', 'bags/runs', 'folder for <scenario>/<controller>, which must not exist yet'
-    ),
-    LaunchArgument('record', 'true', 'whether recorder_node records the run', SWITCH),
-    LaunchArgument(
-        'markers', 'false', 'whether markers_node draws the run for RViz and Foxglove', SWITCH
-    ),
-    LaunchArgument('namespace', '', 'of every node and topic, such as /car1; empty: the root'),
-    LaunchArgument(
-        'params_file',
-        '',
-        'ROS parameter files, with sections for scenario, controller, plant and recorder; several '
-        'are separated by blanks, and the last one counts',
-    ),
-    LaunchArgument(
-        'set',
-        '',
-        'parameters as NODE.parameter=value, such as plant.friction=0.6; several are separated by '
-        'blanks; they win over params_file',
-    ),
-    LaunchArgument(
-        'any_car',
-        'false',
-        'whether to drive also with a car file of the controller that is not that of the plant',
-        SWITCH,
-    ),
-    LaunchArgument(
-        'use_sim_time', 'false', 'whether the clocks and logs of the nodes follow /clock', SWITCH
-    ),
-    LaunchArgument('log_level', 'info', 'least severity that the nodes log', LEVELS),
-    LaunchArgument(
-        'autostart',
-        'true',
-        'false: the nodes wait, unconfigured, for the transitions of their life cycle '
-        '(ros2 lifecycle set)',
-        SWITCH,
-    ),
+ARGUMENTS = tuple(
+    LaunchArgument(*given)
+    for given in (
+        ('scenario', 'double_lane_change', 'name of a scenario, or the path of a YAML file'),
+        ('controller', 'mpcc', 'name of a file in mpcc_controller/config, or path of one'),
+        ('mode', 'lockstep', 'lockstep: simulated time; realtime: wall clock', MODES),
+        ('out', 'bags/runs', 'folder for <scenario>/<controller>, which must not exist yet'),
+        ('record', 'true', 'whether recorder_node records the run', SWITCH),
+        ('markers', 'false', 'whether markers_node draws the run for RViz and Foxglove', SWITCH),
+        ('namespace', '', 'of every node and topic, such as /car1; empty: the root'),
+        ('params_file', '', PARAMS_FILE),
+        ('set', '', SET),
+        ('any_car', 'false', ANY_CAR, SWITCH),
+        ('use_sim_time', 'false', 'whether the clocks and logs of the nodes follow /clock', SWITCH),
+        ('log_level', 'info', 'least severity that the nodes log', LEVELS),
+        ('autostart', 'true', AUTOSTART, SWITCH),
+    )
 )

@@ -74,9 +74,8 @@ class PositionReader:
 
     def _new_chunks(self):
         # files are written one after the other; their times may be equal
-        for file in sorted(
-            self.folder.glob('*.mcap'), key=lambda file: (len(file.name), file.name)
-        ):
+        files = self.folder.glob('*.mcap')
+        for file in sorted(files, key=lambda file: (len(file.name), file.name)):
             offset = self._offsets.get(file, MAGIC_BYTES)
             with file.open('rb') as stream:
                 stream.seek(offset)
@@ -105,6 +104,5 @@ class PositionReader:
 
     def _decoded(self, message):
         schema = self._schemas[self._channel.schema_id]
-        return decode_message(
-            BagTopic(STATE, schema.name, schema.data.decode(), '', ''), message.data
-        )
+        topic = BagTopic(STATE, schema.name, schema.data.decode(), '', '')
+        return decode_message(topic, message.data)

@@ -125,9 +125,8 @@ def run_once(
             (staging.logs / TRACEBACK).write_text(traceback.format_exc())
         message = f'{type(error).__name__}: {error}' if str(error) else type(error).__name__
         return RunOutcome(name, False, _keep_failed(staging, message), None)
-    return RunOutcome(
-        name, code == FINISHED, message, staging.final, staging.older, staging.has_replaced
-    )
+    kept = staging.final, staging.older, staging.has_replaced
+    return RunOutcome(name, code == FINISHED, message, *kept)
 
 
 def _is_repetition(new, old):
@@ -203,10 +202,8 @@ def _watch(running, time_limit_s, interrupt, progress, reader):
         if time.monotonic() - begin > limit_s:
             what = f'the run took longer than {limit_s:g} s of wall time'
             if not has_state:
-                what += (
-                    f', and no state of the car was recorded (a plant sends {STATE}, in lockstep '
-                    f'{CLOCK}, too)'
-                )
+                sent = f'a plant sends {STATE}, in lockstep {CLOCK}, too'
+                what += f', and no state of the car was recorded ({sent})'
             lines = (f'\n  {p.name}: {processes.last_line(p.log)}' for p in running.values())
             raise ProcessError(f'{what}; last messages of the nodes:{"".join(lines)}')
         interrupt.sleep()

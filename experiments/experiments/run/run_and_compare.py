@@ -81,7 +81,13 @@ def run(request: Request, console: Console) -> int:
         _explain(outcomes, programs, runs, console)
         if scn.expect:
             # instead of completion: a run that is to end in a stop never completes
-            is_met = _meet_expectations(scn.expect, runs, console)
+            judged = [
+                (controller, outcome)
+                for controller, metrics in runs.items()
+                for outcome in pass_criteria.judge(scn.expect, metrics)
+            ]
+            console.print(pass_criteria.build_table(judged))
+            is_met = all(outcome.is_met for _, outcome in judged)
             return 0 if is_met and len(runs) == len(outcomes) else 1
         completed += [run['completed'] for run in runs.values()]
     return 0 if all(completed) else 1
@@ -110,39 +116,21 @@ def _show_earlier_runs(outcomes, overwrites, console):
 
 def _explain(outcomes, programs, runs, console):
     """Say why the exit code is 1 for a run that the plant completed, and what shows a loss."""
+    lost = []
     for outcome in outcomes:
-        run = runs.get(outcome.controller)
-        if outcome.completed and run and not run['completed']:
-            print_text(
-                console,
-                f'{outcome.controller}: not completed, although the plant reports '
-                f'"{outcome.message}": {run["verdict"]}; the exit code is 1',
-            )
-    for outcome in outcomes:
-        run = runs.get(outcome.controller)
+        name, run = outcome.controller, runs.get(outcome.controller)
+        if run and outcome.completed and not run['completed']:
+            why = f'although the plant reports "{outcome.message}": {run["verdict"]}'
+            print_text(console, f'{name}: not completed, {why}; the exit code is 1')
         # a program of the user has no problem that could be solved again
-        if not run or not outcome.bag or outcome.controller in programs:
+        if not run or not outcome.bag or name in programs:
             continue
         if run['collided'] or run['left_road'] or run['lost']:
             bag = shlex.quote(os.path.relpath(outcome.bag))
-            print_text(
-                console,
-                f'{outcome.controller}: what it planned {tick_events.LEAD_S:g} s before it was '
-                f'lost: experiments resolve {bag} --at {tick_events.LOSS}',
-            )
-
-
-def _meet_expectations(expect, runs, console):
-    """Show what the scenario expects beside what was measured; return whether all is met."""
-    from experiments import pass_criteria
-
-    judged = [
-        (controller, outcome)
-        for controller, metrics in runs.items()
-        for outcome in pass_criteria.judge(expect, metrics)
-    ]
-    console.print(pass_criteria.build_table(judged))
-    return all(outcome.is_met for _, outcome in judged)
+            when = f'what it planned {tick_events.LEAD_S:g} s before it was lost'
+            lost.append(f'{name}: {when}: experiments resolve {bag} --at {tick_events.LOSS}')
+    for text in lost:
+        print_text(console, text)
 
 
 @cache
@@ -180,16 +168,8 @@ def run_controllers(
     compiles_ahead = compiles and request.mode == 'lockstep' and compile_ahead.is_worth_while()
     checked = {}
     for controller in controllers:
-        nodes = inputs.build_nodes(
-            scn,
-            given.scenario,
-            controller,
-            request.mode,
-            folder,
-            folder,
-            given.settings,
-            given.origins,
-        )
+        places = folder, folder, given.settings, given.origins
+        nodes = inputs.build_nodes(scn, given.scenario, controller, request.mode, *places)
         own_parameters = inputs.check_parameters(nodes)
         if not (request.any_car or controller.program or settings.plant):
             inputs.check_car_fits(nodes, own_parameters)
@@ -200,9 +180,8 @@ def run_controllers(
     with compile_ahead.compiling(own if compiles_ahead else ()):
         loaded = {}
         for controller, (nodes, own_parameters) in checked.items():
-            loaded[controller] = inputs.loaded_facts(
-                own_parameters, is_shipped_plant=not settings.plant
-            )
+            shipped = not settings.plant
+            loaded[controller] = inputs.loaded_facts(own_parameters, is_shipped_plant=shipped)
             warnings = run_advice.find_warnings(scn, given.scenario, own_parameters)
             if request.any_car and not (controller.program or settings.plant):
                 warnings = [*inputs.describe_misfit(nodes, own_parameters), *warnings]

@@ -55,9 +55,10 @@ def impossible_at(emergency: Emergency) -> float | None:
     speed = float(np.hypot(*v))
     # a car that has stood for STANDSTILL_S ends the run: later nothing can happen to it
     ticks = min(emergency.most_ticks, int((speed / a + STANDSTILL_S) / STEP_S))
-    grid = _Grid(emergency, np.array([now.X, now.Y]), v, a, ticks * STEP_S)
     start = np.array([now.X, now.Y])
-    box, reached = grid.around(start)
+    grid = _Grid(emergency, start, v, a, ticks * STEP_S)
+    box = tuple(slice(0, size) for size in grid.X.shape)
+    reached = grid.near(box, start, 0.0)
     for k in range(1, ticks + 1):
         t = k * STEP_S
         stamp = emergency.start_ns + round(t * NS_PER_S)
@@ -101,11 +102,6 @@ class _Grid:
         beyond = self._course.beyond_edge(self.X, self.Y)
         self._off = beyond > SHOULDER_M + BEND_M + self._slack
 
-    def around(self, point):
-        """Return the box of the whole grid and its cells with that position."""
-        box = (slice(0, self.X.shape[0]), slice(0, self.X.shape[1]))
-        return box, self.near(box, point, 0.0)
-
     def near(self, box, centre, radius):
         """Return the cells of a box with a position within a radius of a centre."""
         square = (self.X[box] - centre[0]) ** 2 + (self.Y[box] - centre[1]) ** 2
@@ -128,15 +124,12 @@ class _Grid:
         away[margin:-margin, margin:-margin] = ~cells[tuple(filled)]
         reached = distance_transform_edt(away, self._cell) <= rest_m
         # what lies beyond the grid is out of reach, or off the road
-        kept = [
-            slice(max(0, -begin), min(end, size) - begin)
+        inside = [
+            (begin, max(0, begin), min(end, size))
             for (begin, end), size in zip(new_box, self.X.shape)
         ]
-        grown = tuple(
-            slice(max(0, begin), min(end, size))
-            for (begin, end), size in zip(new_box, self.X.shape)
-        )
-        return grown, reached[tuple(kept)]
+        kept = tuple(slice(first - begin, last - begin) for begin, first, last in inside)
+        return tuple(slice(first, last) for _, first, last in inside), reached[kept]
 
     def blocked(self, box, obstacles):
         """Return the cells of a box that lie off the road or in an obstacle altogether."""

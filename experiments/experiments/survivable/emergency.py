@@ -38,10 +38,8 @@ class Rollout(NamedTuple):
 
     def states(self) -> np.ndarray:
         """Return rows X, Y, psi, vx, vy every 10 ms, (5, n); SI units."""
-        names = ('X', 'Y', 'psi', 'vx', 'vy')
-        columns = [
-            [piece.column(f'planar.{name}')[9::10] for piece in self.pieces] for name in names
-        ]
+        names = [f'planar.{name}' for name in ('X', 'Y', 'psi', 'vx', 'vy')]
+        columns = ([piece.column(name)[9::10] for piece in self.pieces] for name in names)
         return np.array([np.concatenate(column) for column in columns])
 
     def stamps(self) -> np.ndarray:

@@ -18,6 +18,7 @@ from bags.evaluation.metrics.survival import SHOULDER_M, SLIDING_FROM_MPS
 from experiments.survivable.emergency import Emergency, Rollout
 from msgs_yaml.conversions import NS_PER_S
 from vehicle_plant.simulator import TICK_NS
+from vehicle_plant.suspension import wheel_corners
 
 MARGIN_M = 0.15  # beside an obstacle, aimed at by the search
 ROAD_MARGIN_M, SLIDING_MARGIN_DEG = 0.2, 5.0
@@ -54,13 +55,7 @@ class Judge:
             rear=body.cog_to_rear_m + shape.rear_overhang_m,
             width=shape.width_m,
         )
-        axles = (
-            (body.cog_to_front_m, car.suspension.front),
-            (-body.cog_to_rear_m, car.suspension.rear),
-        )
-        self._wheels = np.array(
-            [(x, side * axle.track_m / 2) for x, axle in axles for side in (1, -1)]
-        )
+        self._wheels = np.array([(corner.x, corner.y) for corner in wheel_corners(car)])
         stamps = emergency.start_ns + TICK_NS * np.arange(emergency.most_ticks + 1)
         messages = [emergency.obstacles_at(int(stamp)) for stamp in stamps]
         self._discs = obstacle_tracks(stamps, messages)

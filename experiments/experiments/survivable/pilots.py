@@ -49,13 +49,8 @@ class Foresight:
 def _all_knowing(params: ControllerParams, friction: float) -> ControllerParams:
     """Return the parameters of a controller that knows the friction and measures without errors."""
     model = dataclasses.replace(params.model, friction=friction)
-    left_out = {
-        name: type(group)(**dict.fromkeys(parameters.flatten(group)))
-        for name, group in (
-            ('friction_estimate', params.friction_estimate),
-            ('measurement_errors', params.measurement_errors),
-        )
-    }
+    groups = {name: getattr(params, name) for name in ('friction_estimate', 'measurement_errors')}
+    left_out = {n: type(g)(**dict.fromkeys(parameters.flatten(g))) for n, g in groups.items()}
     return dataclasses.replace(params, model=model, **left_out)
 
 
@@ -127,9 +122,8 @@ class Tracker:
 
     def _find_foot(self, X, Y):
         path = self._m.path
-        if self._foot is None:
-            window = slice(0, len(path.X))
-        else:
+        window = slice(0, len(path.X))
+        if self._foot is not None:
             window = slice(max(0, self._foot - 5), self._foot + WINDOW)
         square = (path.X[window] - X) ** 2 + (path.Y[window] - Y) ** 2
         self._foot = window.start + int(np.argmin(square))

@@ -28,12 +28,8 @@ OFFSET = {name: f'offset.{name}' for name in Offset._fields}
 CONTROLLER = 'controller.'
 SETTINGS = (CONTROLLER, 'plant.', 'scenario.')  # begin the names of their columns
 # of a verdict, and of the search that gave it: an answer of another one is no answer
-ANSWER, BUDGET, PREVIEW, VERSION = ANSWERED = (
-    'answer',
-    'answer_budget',
-    'answer_preview',
-    'answer_version',
-)
+ANSWERED = ('answer', *(f'answer_{what}' for what in ('budget', 'preview', 'version')))
+ANSWER, BUDGET, PREVIEW, VERSION = ANSWERED
 
 
 def read_drives(places: Sequence[Path]) -> pandas.DataFrame:
@@ -101,9 +97,7 @@ def verdict_key(draw: Row, budget: int, preview: bool) -> str:
 
 def verdict(draw: Row, budget: int, preview: bool) -> str:
     """Return {'answer': ..., 'how': ..., 'rollouts': ...} of a draw as JSON."""
-    setups = [
-        drive_row.prepare(draw._replace(controller=driver), any_car=True) for driver in DRIVERS
-    ]
+    setups = [drive_row.prepare(draw._replace(controller=c), any_car=True) for c in DRIVERS]
     drivers = [setup.params for setup in setups]
     result = survivable(setups[0], budget, preview=preview, drivers=drivers)
-    return json.dumps({'answer': result.answer, 'how': result.how, 'rollouts': result.rollouts})
+    return json.dumps({name: getattr(result, name) for name in ('answer', 'how', 'rollouts')})

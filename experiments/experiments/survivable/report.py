@@ -10,6 +10,7 @@ from rich.table import Table
 
 from bags.command_line import print_text
 from bags.errors import BagError
+from experiments import console as tables
 from experiments.drive_records import DriveRecords, record_each
 from experiments.drive_row import Row
 from experiments.library.survival_table import ALL, share_cell
@@ -114,12 +115,9 @@ def _search(draws, options, folder, failures, console) -> Mapping[Row, str]:
 def build_table(drives: pandas.DataFrame) -> Table:
     """Return a row per family: what is known of its draws, and survived of the possible ones."""
     kinds, names = (POSSIBLE, IMPOSSIBLE, UNDECIDED), list(dict.fromkeys(drives['name']))
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    table.add_column('survived of the possible', no_wrap=True)
-    for title in (*kinds, *(title for name in names for title in (name, 'strict'))):
-        table.add_column(title, justify='right')
+    scores = [title for name in names for title in (name, 'strict')]
     judged = drives[drives['error'] == '']
-    families = dict.fromkeys(drives['group'])
+    families, rows = dict.fromkeys(drives['group']), []
     groups = [(family, judged[judged['group'] == family]) for family in families]
     for family, own in [*groups, (ALL, judged)] if len(groups) > 1 else groups:
         answers = list(dict(zip(own['what'], own[ANSWER])).values())
@@ -130,8 +128,8 @@ def build_table(drives: pandas.DataFrame) -> Table:
             strict = int(by_name[ANSWER].ne(IMPOSSIBLE).sum())
             cells.append(share_cell(survived, int(by_name[ANSWER].eq(POSSIBLE).sum()), digits=0))
             cells.append(f'{survived / strict:.0%}' if strict else '–')
-        table.add_row(family, *cells)
-    return table
+        rows.append([family, *cells])
+    return tables.table(['survived of the possible', *kinds, *scores], rows)
 
 
 def build_pairs(drives: pandas.DataFrame, base: str) -> Table:
@@ -140,15 +138,10 @@ def build_pairs(drives: pandas.DataFrame, base: str) -> Table:
     With Tango's interval of the difference, and McNemar's exact test: how likely so uneven a split
     is when neither is better.
     """
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for title in (f'{base} and', 'draws', 'both', f'{base} only', 'it only', 'neither'):
-        table.add_column(title, justify='right' if title != f'{base} and' else 'left')
-    table.add_column('difference (95 %)', justify='right')
-    table.add_column('p', justify='right')
-    for other in dict.fromkeys(drives['name']):
-        if other != base:
-            table.add_row(other, *pair_cells(*split_pairs(drives, base, other)))
-    return table
+    counts = 'draws', 'both', f'{base} only', 'it only', 'neither'
+    others = [name for name in dict.fromkeys(drives['name']) if name != base]
+    rows = [[other, *pair_cells(*split_pairs(drives, base, other))] for other in others]
+    return tables.table([f'{base} and', *counts, 'difference (95 %)', 'p'], rows)
 
 
 def split_pairs(drives: pandas.DataFrame, base: str, other: str) -> tuple[int, int, int, int]:

@@ -5,7 +5,6 @@ intervals beside the course; a sequence of intervals is a path. The paths with t
 change for their length come first.
 """
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -43,11 +42,8 @@ class Meeting(NamedTuple):
 
 def approaches(emergency: Emergency) -> list[Approach]:
     """Return the approaches of all speed profiles; those without braking first."""
-    result = []
-    gravity = emergency.setup.plant.car.body.gravity_mps2
-    for braking in BRAKING:
-        result += _approaches_at(emergency, braking * emergency.setup.friction * gravity)
-    return result
+    grip = emergency.setup.friction * emergency.setup.plant.car.body.gravity_mps2
+    return [approach for share in BRAKING for approach in _approaches_at(emergency, share * grip)]
 
 
 def _approaches_at(emergency, braking):
@@ -57,21 +53,19 @@ def _approaches_at(emergency, braking):
     t = TICK_S * np.arange(emergency.most_ticks)
     v = np.maximum(v0 - braking * t, LEAST_MPS)
     s = s0 + np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2 * TICK_S)])
-    psi = float(np.interp(s0, course.s, course.psi))
-    slope = np.tan(
-        np.clip(now.psi - psi - np.round((now.psi - psi) / (2 * np.pi)) * 2 * np.pi, -1, 1)
-    )
+    turned = now.psi - float(np.interp(s0, course.s, course.psi))
+    slope = np.tan(np.clip(turned - np.round(turned / (2 * np.pi)) * 2 * np.pi, -1, 1))
     width = emergency.setup.plant.car.outline.width_m
-    meetings = list(_meetings(emergency, s))
+    meetings = _meetings(emergency, s)
     stations = course.s[course.s >= max(0.0, s0 - BEHIND_M)]
     speed = np.interp(stations, s, v)
-    for offsets in _choose(course, meetings, s0, n0, v0, width):
+    for offsets in _choose(course, meetings, s0, n0, width):
         n = _line(meetings, offsets, s0, n0, slope, v0, stations)
         yield Approach(course.shifted(stations, n), speed, n, braking)
 
 
-def _meetings(emergency, s) -> Iterator[Meeting]:
-    """Yield where the car at stations s (ticks,) meets obstacles on the road, in their order."""
+def _meetings(emergency, s) -> list[Meeting]:
+    """Return where the car at stations s (ticks,) meets obstacles on the road, in their order."""
     stamps = emergency.start_ns + round(TICK_S * NS_PER_S) * np.arange(len(s))
     met = {}
     for k, stamp in enumerate(stamps):
@@ -83,20 +77,19 @@ def _meetings(emergency, s) -> Iterator[Meeting]:
     for rows in met.values():
         car, own, right, left = np.array(rows).T
         # a disc that stands is as long as it is; one that moves, where it was met
-        blocks.append(
-            (min(car.min(), own.min()), max(car.max(), own.max()), right.min(), left.max())
-        )
-    groups = []
+        ends = min(car.min(), own.min()), max(car.max(), own.max())
+        blocks.append((*ends, right.min(), left.max()))
+    meetings: list[Meeting] = []
     for begin, end, right, left in sorted(blocks):
         road_right, road_left = emergency.course.room((begin + end) / 2)
         if left < road_right or right > road_left:
             continue
-        if not groups or begin - groups[-1][0][0] > TOGETHER_M:
-            groups.append([])
-        groups[-1].append((begin, end, right, left))
-    for group in groups:
-        blocked = tuple((right, left) for _, _, right, left in group)
-        yield Meeting(group[0][0], max(end for _, end, _, _ in group), blocked)
+        if not meetings or begin - meetings[-1].begin > TOGETHER_M:
+            meetings.append(Meeting(begin, end, ()))
+        last = meetings.pop()
+        blocked = (*last.blocked, (right, left))
+        meetings.append(last._replace(end=max(last.end, end), blocked=blocked))
+    return meetings
 
 
 def _intervals(meeting, course, width):
@@ -110,7 +103,7 @@ def _intervals(meeting, course, width):
     return [(low, high) for low, high in free if high - low > width + 0.1]
 
 
-def _choose(course, meetings, s0, n0, v0, width):
+def _choose(course, meetings, s0, n0, width):
     """Return the best sequences of offsets, one per meeting, by lateral change over length."""
     sequences = [(0.0, ())]
     last_s = s0
@@ -143,10 +136,8 @@ def _line(meetings, offsets, s0, n0, slope, v0, stations):
                 knots[-1] = (knots[-1][0], n)
             else:
                 knots.append((knots[-1][0] + 1.0, n))
-    if meetings:
-        knots.append((knots[-1][0] + max(20.0, 1.5 * v0), 0.0))
-    else:
-        knots.append((s0 + max(20.0, v0), 0.0))
+    back = max(20.0, (1.5 if meetings else 1.0) * v0)
+    knots.append((knots[-1][0] + back, 0.0))
     knots.append((max(knots[-1][0] + 10.0, float(stations[-1]) + 10.0), 0.0))
     s, n = np.array(knots).T
     return PchipInterpolator(s, n)(np.clip(stations, s[0], s[-1]))

@@ -111,7 +111,8 @@ class _Search:
                 yield f'a tracked approach {i}', rollout
         starts.sort(key=lambda start: start[:2])
         for _, _, shape in starts:
-            shape.begin_search(int(self._rng.integers(2**31)))
+            seed = int(self._rng.integers(2**31))
+            shape.search = CMA(shape.start / shape.scale, 1.0, seed=seed)
         del starts[STARTS:]
         while any(not shape.has_settled for _, _, shape in starts):
             for _, i, shape in starts:
@@ -148,7 +149,7 @@ class _Shape:
         now = emergency.car.state
         s0 = float(emergency.course.project(now.X, now.Y)[0])
         speed = max(float(np.hypot(now.vx, now.vy)), 5.0)
-        self.ticks = _judged_ticks(emergency)
+        self.ticks = _judged_ticks(emergency, s0, speed)
         time_s = self.ticks * TICK_S
         self._s = np.arange(s0, s0 + speed * time_s + 1.0, max(4.0, speed * KNOT_S))
         self._t = np.arange(0.0, time_s + BRAKE_KNOT_S, BRAKE_KNOT_S)
@@ -158,9 +159,6 @@ class _Shape:
         scales = (np.full(len(self._s), OFFSET_SCALE_M), np.full(len(self._t), BRAKE_SCALE))
         self.scale = np.concatenate([*scales, np.full(3, 0.25)])
         self.best: list[float] = []  # cost of each generation
-
-    def begin_search(self, seed: int) -> None:
-        self.search = CMA(self.start / self.scale, 1.0, seed=seed)
 
     @property
     def has_settled(self) -> bool:
@@ -173,21 +171,19 @@ class _Shape:
     def pilot(self, vector: np.ndarray) -> Tracker:
         m, k = len(self._s), len(self._t)
         changes, braking, tracking = vector[:m], vector[m : m + k], vector[m + k :]
-        a = self._approach
+        a, course = self._approach, self._emergency.course
         # nothing is changed where the car is
         near = np.clip((a.path.s - self._s[0]) / 5.0, 0.0, 1.0)
         n = a.offsets + near * _smooth(a.path.s, self._s, changes)
-        right, left = self._emergency.course.room(a.path.s)
-        n = np.clip(n, np.minimum(right, left), left)
-        path = self._emergency.course.shifted(a.path.s, n)
+        right, left = course.room(a.path.s)
+        path = course.shifted(a.path.s, np.clip(n, np.minimum(right, left), left))
         t = np.arange(self.ticks) * TICK_S
         ax = -self._grip * np.interp(t, self._t, np.clip(braking, -0.3, 1.2))
         # afterwards to a stop: what was survived stays survived
         ax = np.append(ax, -0.35 * self._grip)
         lookahead, gain, slip = np.exp(np.clip(tracking, -1.0, 1.0))
-        return Tracker(
-            self._emergency, Manoeuvre(path, ax, 0.5 * lookahead, 0.06 * gain, 0.14 * slip)
-        )
+        manoeuvre = Manoeuvre(path, ax, 0.5 * lookahead, 0.06 * gain, 0.14 * slip)
+        return Tracker(self._emergency, manoeuvre)
 
     def effort(self, vector: np.ndarray) -> float:
         """Return how much a manoeuvre differs from its approach: the tie-breaker of the search."""
@@ -201,15 +197,13 @@ def _smooth(s, knots, values):
     return CubicSpline(knots, values, bc_type='natural')(np.clip(s, knots[0], knots[-1]))
 
 
-def _judged_ticks(emergency: Emergency) -> int:
-    """Return the ticks until every obstacle lies behind a car that goes on at its speed."""
-    now, course = emergency.car.state, emergency.course
-    s0 = float(course.project(now.X, now.Y)[0])
-    speed = max(float(np.hypot(now.vx, now.vy)), 5.0)
+def _judged_ticks(emergency, s0, speed):
+    """Return the ticks until every obstacle lies behind a car that goes on from s0 at a speed."""
     last = 0
     for k in range(emergency.most_ticks):
         stamp = emergency.start_ns + round(k * TICK_S * NS_PER_S)
         for o in emergency.discs_at(stamp).values():
-            if abs(float(course.project(o.X, o.Y)[0]) - s0 - speed * k * TICK_S) < o.r_obs + 8.0:
+            s = float(emergency.course.project(o.X, o.Y)[0])
+            if abs(s - s0 - speed * k * TICK_S) < o.r_obs + 8.0:
                 last = k
     return min(emergency.most_ticks, max(last + round(AFTER_S / TICK_S), round(3.0 / TICK_S)))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from measured_drives import plant_drive, write_log, write_map
+from measured_drives import MAP, plant_drive, write_log, write_map
 
 from bags.errors import BagError
 from experiments.measured import log_map, measured_log
@@ -39,16 +39,10 @@ def test_a_sensor_beside_the_cog_measures_the_same_car(tmp_path):
     r = -np.radians(columns['YawRate'])
     columns['speed'] = columns['speed'] - 3.6 * 0.8 * r
     columns['lateral'] = columns['lateral'] - 3.6 * 0.7 * r
-    text = measured_map_with('sensor: {{ahead_m: -0.7, left_m: 0.8}}\n')
+    text = 'sensor: {{ahead_m: -0.7, left_m: 0.8}}\n' + MAP
     moved, plain = load(tmp_path, columns, text=text), load(tmp_path, plant_drive())
     assert moved.vx == pytest.approx(plain.vx, abs=1e-3)
     assert moved.vy == pytest.approx(plain.vy, abs=1e-3)
-
-
-def measured_map_with(lines):
-    from measured_drives import MAP
-
-    return lines + MAP
 
 
 @pytest.mark.parametrize(
@@ -92,14 +86,10 @@ def test_spikes_and_gaps_are_left_out_and_told(tmp_path):
 
 
 def test_rows_that_repeat_are_used_once(tmp_path):
-    columns = {
-        name: np.repeat(values, 5) for name, values in plant_drive().items() if name != 'time'
-    }
-    lines = 'rate_hz: 100\n'
-    text = '\n'.join(
-        line for line in measured_map_with(lines).splitlines() if 'column: time' not in line
-    )
-    log = load(tmp_path, columns, '.mat', text=text + '\n')
+    columns = {name: np.repeat(values, 5) for name, values in plant_drive().items()}
+    del columns['time']
+    lines = [line for line in MAP.splitlines() if 'column: time' not in line]
+    log = load(tmp_path, columns, '.mat', text='\n'.join(['rate_hz: 100', *lines, '']))
     assert log.r == pytest.approx(load(tmp_path, plant_drive()).r, abs=0.02)
     assert log.notes == ('every row 5 times: one of them used',)
 
@@ -109,11 +99,8 @@ def test_rows_that_repeat_are_used_once(tmp_path):
     [
         (lambda c: c | {'time': c['time'][::-1]}, 'time: does not increase'),
         (lambda c: c | {'time': c['time'] * 10}, 'time: 10 rows a second; at least 20'),
-        (
-            lambda c: {n: v for n, v in c.items() if n != 'lateral'},
-            "vy: there is no column 'lateral'",
-        ),
-        (lambda c: {n: v[:50] for n, v in c.items()}, 'columns of 50 to 50 rows'),
+        (lambda c: {n: c[n] for n in c if n != 'lateral'}, "vy: there is no column 'lateral'"),
+        (lambda c: {n: v[:50] for n, v in c.items()}, 'has 50 rows; at least 100'),
         (lambda c: c | {'SteerAng': 0 * c['time']}, 'steer: does not change'),
         (
             lambda c: c | {'lateral': np.where(c['time'] > 15, np.nan, c['lateral'])},
@@ -138,4 +125,4 @@ def test_a_log_that_tells_nothing_is_an_error(tmp_path, change, error):
 )
 def test_a_mistake_in_the_map_is_named(tmp_path, old, new, error):
     with pytest.raises((BagError, OSError), match=error):
-        log_map.load(write_map(tmp_path / 'm.yaml', text=measured_map_with('').replace(old, new)))
+        log_map.load(write_map(tmp_path / 'm.yaml', text=MAP.replace(old, new)))

@@ -4,6 +4,7 @@ import pytest
 import yaml
 
 from experiments import simulation
+from scenario_publisher import scenario
 
 
 @pytest.fixture(scope='session')
@@ -30,13 +31,7 @@ def straight_emergency():
             'stop': {'progress_m': 140.0, 'time_s': 15.0},
             'obstacles': obstacles,
         }
-        return prepare(document, controller)
+        scn = scenario.parse(yaml.safe_dump(document), 'emergency.yaml')
+        return simulation.prepare_scenario(scn, controller)
 
     return setup
-
-
-def prepare(document, controller):
-    from scenario_publisher import scenario
-
-    scn = scenario.parse(yaml.safe_dump(document), 'emergency.yaml')
-    return simulation.prepare_scenario(scn, controller)
