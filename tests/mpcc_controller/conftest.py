@@ -8,6 +8,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 import pytest
+from fixed_weights import fixed_weights
 
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.records import TickInputs
@@ -56,11 +57,15 @@ REST = Actuators(0, 0.0, 0.0, 0.0, 0.0, (0.0,) * 4)
 
 
 def load(name='mpcc', **changes):
-    """Return (controller parameters, car); changes are `group__field=value`."""
+    """Return (controller parameters, car); changes are `group__field=value`.
+
+    The weights are those of tests, whatever the file has.
+    """
     params = parameters.load(
         ControllerParams, share.path('mpcc_controller', 'config', f'{name}.yaml')
     )
-    for key, value in changes.items():
+    weights = {key.replace('.', '__'): value for key, value in fixed_weights(name).items()}
+    for key, value in (weights | changes).items():
         group, field = key.split('__')
         block = dataclasses.replace(getattr(params, group), **{field: value})
         params = dataclasses.replace(params, **{group: block})

@@ -79,6 +79,7 @@ def test_weights_are_one_over_the_squared_tolerances(pose):
 
 
 def test_the_controllers_of_the_paper_differ_only_where_they_shall(world, params):
+    """Beside their weights, for which `load` takes those of tests."""
     plain, _ = world.load('mpcc_no_ca')
     assert (plain.priorities.obstacle, plain.priorities.edge) == (0, 0)
     assert vars(plain) | {'priorities': None} == vars(params) | {'priorities': None}
