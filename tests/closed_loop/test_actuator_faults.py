@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from driven_setups import driven
+from driven_setups import driven, prepare
 from node_graph import note_run
 from node_ring import NodeRing
 
@@ -80,7 +80,7 @@ def driver_brakes(command, _):
 def drive_faulty(monkeypatch, scenario, controller, *fault, end_s=np.inf):
     """Return the Driven of a car with a fault of its actuators."""
     monkeypatch.setattr(simulation, 'Simulator', faulty(*fault))
-    setup = simulation.prepare(scenario, controller)
+    setup = prepare(scenario, controller)
     stop = setup.scn.stop._replace(time=min(setup.scn.stop.time, end_s))
     return driven(setup._replace(scn=setup.scn._replace(stop=stop)), explain=True)
 

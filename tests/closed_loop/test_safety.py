@@ -4,9 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from driven_setups import Loop
+from driven_setups import Loop, prepare
 
-from experiments import simulation
 from mpcc_controller.driving import braking
 from mpcc_controller.driving.controller import Controller
 from stage_solver.solution import FAILED
@@ -57,7 +56,7 @@ def largest_sideslip_deg(loop):
 
 @pytest.fixture(scope='module')
 def setup():
-    return simulation.prepare('double_lane_change', 'mpcc')
+    return prepare('double_lane_change', 'mpcc')
 
 
 @pytest.fixture(scope='module')

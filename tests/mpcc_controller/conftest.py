@@ -8,7 +8,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 import pytest
-from fixed_weights import fixed_weights
+from closed_loops import fixed_weights
 
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.records import TickInputs
@@ -61,11 +61,10 @@ def load(name='mpcc', **changes):
 
     The weights are those of tests, whatever the file has.
     """
-    params = parameters.load(
-        ControllerParams, share.path('mpcc_controller', 'config', f'{name}.yaml')
-    )
-    weights = {key.replace('.', '__'): value for key, value in fixed_weights(name).items()}
-    for key, value in (weights | changes).items():
+    file = share.path('mpcc_controller', 'config', f'{name}.yaml')
+    values = parameters.read_file(file).values | fixed_weights(name)
+    params = parameters.build(ControllerParams, values, file)
+    for key, value in changes.items():
         group, field = key.split('__')
         block = dataclasses.replace(getattr(params, group), **{field: value})
         params = dataclasses.replace(params, **{group: block})

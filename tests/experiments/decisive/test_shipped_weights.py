@@ -1,4 +1,4 @@
-"""The weights that ship are those that the study has found."""
+"""The weights of the paper's controllers are those that the study has found."""
 
 from pathlib import Path
 
@@ -28,6 +28,8 @@ def test_a_controller_has_the_weights_of_the_typical_replicate_of_its_arm(arm):
     assert {name: shipped(arm)[name] for name in typical.index} == typical.to_dict()
 
 
-def test_without_collision_avoidance_only_the_priorities_differ():
-    off = {'priorities.obstacle': 0.0, 'priorities.edge': 0.0}
-    assert shipped('mpcc_no_ca') == shipped('mpcc') | off
+def test_the_controllers_of_the_paper_differ_only_where_they_shall():
+    mpcc, baseline = shipped('mpcc'), shipped('frenet')
+    assert shipped('mpcc_no_ca') == mpcc | {'priorities.obstacle': 0.0, 'priorities.edge': 0.0}
+    changed = {name.partition('.')[0] for name in mpcc if baseline[name] != mpcc[name]}
+    assert changed == {'formulation', 'tolerances', 'priorities'}
