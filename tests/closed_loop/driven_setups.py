@@ -36,9 +36,7 @@ class Driven(NamedTuple):
         return [why.values for why in self.columns['/controller/why'].values]
 
 
-def prepare(
-    scenario: str, controller: str, settings: Mapping = {}, speed_mps: float | None = None
-) -> simulation.Setup:
+def prepare(scenario, controller, settings: Mapping = {}, speed_mps=None) -> simulation.Setup:
     """Return `simulation.prepare` with the weights of tests, but where settings name others."""
     own = {'controller': fixed_weights(controller) | settings.get('controller', {})}
     return simulation.prepare(scenario, controller, settings | own, speed_mps)

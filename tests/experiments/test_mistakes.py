@@ -113,10 +113,7 @@ SETTINGS = [
 CONTROLLERS = [
     ('mpc', "did you mean 'mpcc'"),
     ('frenet.yaml', "did you mean 'frenet'"),
-    (
-        'car',
-        "'car'; there are frenet, mpcc, mpcc_comfort, mpcc_no_ca, mpcc_road, tracking",
-    ),
+    ('car', "'car'; there are frenet, mpcc, mpcc_comfort, mpcc_no_ca, mpcc_road, tracking"),
     ('mpcc,frenet', 'once for each: --controller mpcc --controller frenet'),
     ('broken', "'broken' ... give its path, ./broken.yaml"),
     ('./raod.yaml', "did you mean 'road.yaml'"),

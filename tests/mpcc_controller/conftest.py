@@ -57,10 +57,7 @@ REST = Actuators(0, 0.0, 0.0, 0.0, 0.0, (0.0,) * 4)
 
 
 def load(name='mpcc', **changes):
-    """Return (controller parameters, car); changes are `group__field=value`.
-
-    The weights are those of tests, whatever the file has.
-    """
+    """Return (parameters with the weights of tests, car); changes are `group__field=value`."""
     file = share.path('mpcc_controller', 'config', f'{name}.yaml')
     values = parameters.read_file(file).values | fixed_weights(name)
     params = parameters.build(ControllerParams, values, file)

@@ -21,8 +21,7 @@ def shipped(name):
 @pytest.mark.parametrize('arm', ['mpcc', 'frenet'])
 def test_a_controller_has_the_weights_of_the_typical_replicate_of_its_arm(arm):
     plan = yaml.safe_load((STUDY / 'study.yaml').read_text())
-    # of each replicate, and of all when the study has ended
-    tables = [pd.read_parquet(file) for file in STUDY.rglob('tuned.parquet')]
+    tables = map(pd.read_parquet, STUDY.rglob('tuned.parquet'))  # of replicates, or of all
     typical = report.typical(plan, pd.concat(tables).drop_duplicates(), arm)
     assert len(typical) == 7
     assert {name: shipped(arm)[name] for name in typical.index} == typical.to_dict()
