@@ -87,7 +87,7 @@ def start_nodes(context):
     run_info = folder / node_config.RUN_INFO_FILE
     overrides, origins = _overrides(given)
     nodes = inputs.build_nodes(
-        scn, given['scenario'], controller, mode, bag, run_info, overrides, origins, record
+        scn, given['scenario'], controller, mode, bag, run_info, overrides, origins, record=record
     )
     checked = inputs.check_parameters(nodes)
     if given['any_car'] == 'false':

@@ -103,7 +103,7 @@ def test_broken_messages_are_refused_or_read_but_never_crash(message, keep, flip
 
 def of_the_wire(value):
     """Return a value as a receiver has it: headings come as quaternions."""
-    if isinstance(value, types.VehicleState):
+    if isinstance(value, types.VehicleState | types.EstimatedState):
         return conversions.odometry_as_received(value)
     return value
 
