@@ -63,7 +63,7 @@ def is_said(text, parts):
 
 
 SETTINGS = [
-    ('friction=1', "--set friction=1: ... did you mean 'plant.friction'?"),
+    ('friction=1', "--set friction=1: ... did you mean 'estimator.friction' or 'plant.friction'?"),
     ('solver.mdoe=one_step', "did you mean 'controller.solver.mode'?"),
     ('contoller.solver.mode=one_step', "did you mean 'controller.solver.mode'?"),
     ('weights.lag=0', 'weights.lag=0: ... controller.tolerances'),

@@ -13,7 +13,6 @@ import yaml
 
 from bags.errors import BagError
 from bags.storage.message_filing import RecorderParams
-from experiments import estimation
 from experiments.configuration import node_config
 from experiments.configuration.node_config import Controller, LoadedFacts, Node
 from mpcc_controller import car_file
@@ -122,12 +121,19 @@ def build_nodes(
     given = overrides.get(ESTIMATOR, {})
     places = {node.role: i for i, node in enumerate(nodes)}
     plant = nodes[places['plant']]
-    if node_config.all_values(plant).get('sensors') is None:
+    try:
+        sensors = node_config.all_values(plant).get('sensors')
+    except (parameters.ParameterError, OSError):
+        return nodes  # `check_parameters` says what is wrong
+    if sensors is None:
         for name in given:
             # what a file gives to every node may be there
             if name not in node_parameters.MANAGED and not name.startswith(node_parameters.OF_ROS):
                 raise BagError(f'estimator.{name} has no effect without plant.sensors')
         return nodes
+    # imported late: filters take a while to load
+    from experiments import estimation
+
     (params, own), (node, car) = _load(nodes[places[CONTROLLER]]), _load(plant)
     known = estimation.known_values(
         plant_parameters.load_sensors(node), params.model.friction, estimation.vehicle(own, car.car)

@@ -70,9 +70,9 @@ def explain(plan: Mapping[str, Any], tables: Mapping[str, pd.DataFrame], number:
     `tables` are `drives` and `tuned` of the study. Raises BagError.
     """
     task, avoids = choose(tables['drives'], number)
-    of_replicate = tables['tuned'][tables['tuned']['replicate'] == number].set_index('arm')
+    replicate = tables['tuned'][tables['tuned']['replicate'] == number].set_index('arm')
     tuned = {
-        arm: {name: of_replicate.loc[arm, name] for name in arms.tuned_parameters(plan, arm)}
+        arm: {name: replicate.loc[arm, name] for name in arms.tuned_parameters(plan, arm)}
         for arm in ARMS
     }
     seed = plan['seeds']['judged'] + number
@@ -89,7 +89,9 @@ def explain(plan: Mapping[str, Any], tables: Mapping[str, pd.DataFrame], number:
     for name, arm in ((WEIGHTS, 'mpcc'), (BOTH, arm_of[ALL])):
         exchanged[name] = setup(arm, {**arms.settings(plan, arm, tuned), **tuned['frenet']})
     path, problems = drive(own)
-    planned = {name: plan_ahead(problems, one) for name, one in {'': own, **exchanged}.items()}
+    planned = {
+        name: plan_ahead(problems, changed) for name, changed in {'': own, **exchanged}.items()
+    }
     shifts = {name: planned[name] - planned[''] for name in exchanged}
     driven = {'mpcc': path, 'frenet': drive(setup('frenet'))[0]}
     return Exchange(number, task, avoids, own.scn, driven, shifts)

@@ -88,15 +88,17 @@ def explain(plan: Mapping[str, Any], folder: Path, out: Path, console: Console) 
     tables, and where both avoid the same tasks.
     """
     tables = {name: _read(folder / f'{name}.parquet') for name in ('tuned', 'drives')}
-    told = exchange.explain(plan, tables, int(typical(plan, tables['tuned'], 'mpcc').name))
-    lines = [f'replicate {told.replicate}, task {told.task}: {told.avoids} alone avoids']
+    exchanged = exchange.explain(plan, tables, int(typical(plan, tables['tuned'], 'mpcc').name))
+    lines = [
+        f'replicate {exchanged.replicate}, task {exchanged.task}: {exchanged.avoids} alone avoids'
+    ]
     lines.append(f'shift of the planned lateral position {exchange.AHEAD_S:g} s ahead, rms [m]')
-    lines += [f'  {name:24}{size:.3f}' for name, size in told.sizes().items()]
+    lines += [f'  {name:24}{size:.3f}' for name, size in exchanged.sizes().items()]
     print_text(console, '\n'.join(lines))
     folder = out / 'figures'
     folder.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context(style.RC):
-        paths = style.save_figure(figures.draw_exchange(told), folder / 'exchange')
+        paths = style.save_figure(figures.draw_exchange(exchanged), folder / 'exchange')
     print_paths(console, {'figure': paths[0]})
 
 
