@@ -26,7 +26,7 @@ from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
 from state_estimator.parameters import EstimatorParams
 from vehicle_plant import road_friction
-from vehicle_plant.actuator_faults import FaultParams
+from vehicle_plant.car import FaultParams
 from vehicle_plant.initial_state import Start
 from vehicle_plant.parameters import PlantParams, load_sensors
 from vehicle_plant.run_end import RunEnd

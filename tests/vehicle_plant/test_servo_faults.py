@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from msgs_yaml.types import Command
-from vehicle_plant.actuator_faults import FaultParams
-from vehicle_plant.car import add_delay
+from vehicle_plant.car import FaultParams, add_delay
 from vehicle_plant.parameters import PlantParams
 from vehicle_plant.simulator import Simulator
 from vehicle_plant.state import join_trajectories

@@ -1,27 +1,13 @@
 """Faults of the actuators: what the servos are given instead of the set-points. SI units."""
 
 import math
-from typing import Annotated
 
 import numpy as np
 
 from msgs_yaml.conversions import NS_PER_S
-from node_runtime.parameters import Range, Struct
 from vehicle_plant.actuators import DelayLine
-from vehicle_plant.car import DelayMs, Ratio
+from vehicle_plant.car import FaultParams
 from vehicle_plant.state import SetPoints
-
-
-class FaultParams(Struct):
-    """Faults of the actuators for a while; those left out are none."""
-
-    from_s: Annotated[float, Range(0.0, 1e4, 's')] | None  # since the start; left out: 0
-    until_s: Annotated[float, Range(0.0, 1e4, 's')] | None  # left out: to the end
-    steer_stuck: bool | None  # the steering keeps the set-point of that instant
-    steer_offset_rad: Annotated[float, Range(-0.2, 0.2, 'rad')] | None  # to the left
-    front_force_share: Ratio | None  # of the force of the axle, brakes and drive; 0: lost
-    rear_force_share: Ratio | None  # the same of the rear axle
-    delay_ms: DelayMs | None  # beside that of the servos
 
 
 class ActuatorFaults:

@@ -186,6 +186,18 @@ def add_delay(car: Car, delay_ms: int) -> Car:
     return replace(car, steering=delayed(car.steering), force=force)
 
 
+class FaultParams(Struct):
+    """Faults of the actuators for a while; those left out are none."""
+
+    from_s: Annotated[float, Range(0.0, 1e4, 's')] | None  # since the start; left out: 0
+    until_s: Annotated[float, Range(0.0, 1e4, 's')] | None  # left out: to the end
+    steer_stuck: bool | None  # the steering keeps the set-point of that instant
+    steer_offset_rad: Annotated[float, Range(-0.2, 0.2, 'rad')] | None  # to the left
+    front_force_share: Ratio | None  # of the force of the axle, brakes and drive; 0: lost
+    rear_force_share: Ratio | None  # the same of the rear axle
+    delay_ms: DelayMs | None  # beside that of the servos
+
+
 class ActuatorLimits(NamedTuple):
     """Driven axle, and the greatest values of the actuators."""
 

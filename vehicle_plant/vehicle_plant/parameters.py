@@ -11,8 +11,7 @@ from node_runtime.node_parameters import NO_SOURCES
 from node_runtime.parameter_docs import GroupDoc, ParameterDoc
 from node_runtime.parameters import Choice, ParameterError, Range, Struct
 from vehicle_plant import tyre_property_file
-from vehicle_plant.actuator_faults import FaultParams
-from vehicle_plant.car import Car, MultiBodyParams, PlantParams, add_delay
+from vehicle_plant.car import Car, FaultParams, MultiBodyParams, PlantParams, add_delay
 from vehicle_plant.sensors import SensorParams
 from vehicle_plant.tyre_coefficients import TyreCoefficients
 
