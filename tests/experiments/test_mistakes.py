@@ -64,6 +64,7 @@ def is_said(text, parts):
 
 SETTINGS = [
     ('friction=1', "--set friction=1: ... did you mean 'estimator.friction' or 'plant.friction'?"),
+    ('plant.faults.until_s=0.0', 'faults.until_s: is 0 s; allowed more than faults.from_s, 0 s'),
     ('solver.mdoe=one_step', "did you mean 'controller.solver.mode'?"),
     ('contoller.solver.mode=one_step', "did you mean 'controller.solver.mode'?"),
     ('weights.lag=0', 'weights.lag=0: ... controller.tolerances'),

@@ -140,6 +140,10 @@ def plant_params(node: NodeParams, sources: Mapping[str, str] = NO_SOURCES) -> P
     `sources` gives the origin of parameters, for errors. Raises ParameterError.
     """
     load_sensors(node, sources)  # what is wrong with their file is found as early
+    begin, end = node.faults.from_s or 0.0, node.faults.until_s
+    if end is not None and end <= begin:
+        allowed = f'allowed more than faults.from_s, {begin:g} s'
+        raise ParameterError(f'faults.until_s: is {end:g} s; {allowed}')
     tyre = load_tyre(node.tyre_set, sources=sources)
     car = add_delay(node.car, node.command_delay_ms or 0)
     if node.model != MULTI_BODY:
