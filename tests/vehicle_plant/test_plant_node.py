@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import math
+import select
 import subprocess
 import sys
 import time
@@ -147,6 +148,11 @@ def process(*words, **options):
             yield program
         finally:
             program.terminate()
+
+
+def has_output(program):
+    """Return whether a program has printed something that is not yet read."""
+    return bool(select.select([program.stdout], [], [], 0.0)[0])
 
 
 def drive_process(answer, mode='lockstep', environment=None, before=lambda _: None, **settings):
@@ -359,9 +365,10 @@ def test_the_frames_of_the_car_are_where_its_state_says(tmp_path):
     options = {'env': tf2.environment(tmp_path)}
     piped = options | {'stdout': subprocess.PIPE}
 
-    def deaf_until_it_is_heard(controller):
+    def deaf_until_the_listener_prints(controller):
+        """The plant, held at its start, shows its frames to the first that its publisher knows."""
         controller.on_state = lambda stamp_ns: (
-            (controller.answered_ns or controller.count_subscribers('/tf'))
+            (controller.answered_ns or has_output(moving_listener))
             and Controller.on_state(controller, stamp_ns)
         )
 
@@ -372,7 +379,10 @@ def test_the_frames_of_the_car_are_where_its_state_says(tmp_path):
         process('-m', 'bags.markers_node', **options),
     ):
         code, controller = drive_process(
-            weave, environment=options['env'], before=deaf_until_it_is_heard, **{'stop.x_m': 40.0}
+            weave,
+            environment=options['env'],
+            before=deaf_until_the_listener_prints,
+            **{'stop.x_m': 40.0},
         )
         assert code == 0
         moving, fixed = (
