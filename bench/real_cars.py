@@ -14,14 +14,7 @@ import numpy as np
 import yaml
 from tables import markdown
 
-from experiments.measured import (
-    fit_report,
-    log_map,
-    measured_log,
-    single_track_fit,
-    validation,
-    validation_page,
-)
+from experiments.measured import log_map, measured_log, report, single_track_fit, validation
 from vehicle_plant import parameters
 
 HERE = Path(__file__).parent / 'real_cars'
@@ -68,21 +61,21 @@ def judge(car: str, folder: Path, files: dict, out: Path) -> str:
             half = f'± {fit.half_widths[key]:.2g}' if key in fit.half_widths else 'fixed'
             told = 'not told' if key in fit.vague else ''
             fitted.append((name, key, f'{value:.5g}', half, told))
-        rows = fit_report.errors(known.car, fit, logs, held_out)
-        vehicle = fit_report.fitted_car(known.car, fit)
+        judged = report.judge(known.car, fit, logs, held_out)
+        vehicle = report.fitted_car(known.car, fit)
         first = not additions and not fixed
         stem = out / f'car_{car}{"" if first else "_" + name.replace(" ", "_")}'
-        fit_report.write_car(stem.with_suffix('.yaml'), known.car, fit, rows)
+        report.write_car(stem.with_suffix('.yaml'), known.car, fit, judged)
         found = validation.validate(held_out, vehicle, fit, plant if first else None)
         if first:
-            fit_report.draw(known.car, fit, logs, held_out).savefig(stem.with_suffix('.png'))
-            validation_page.write(found, out / car, f'{car}, held out')
+            report.draw_fit(judged).savefig(stem.with_suffix('.png'))
+            report.write_page(found, out / car, f'{car}, held out')
         wanted = validation.FITTED if additions else validation.PREDICTION
         for m in found.manoeuvres:
             models = m.numbers if first else {wanted: m.numbers[wanted]}
             for model, n in models.items():
                 manoeuvres.append((m.log, name if model == wanted else model, *_cells(n)))
-        for e in found.errors:
+        for e in found.errors.itertuples():
             if e.from_mps2 >= LIMIT_MPS2 and (first or e.model == wanted):
                 numbers = f'{e.vy:.2f}', f'{np.degrees(e.r):.1f}', f'{e.position:.2f}'
                 label = name if e.model == wanted else e.model

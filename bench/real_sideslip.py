@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.measured import fit_report, log_map, measured_log
+from experiments.measured import log_map, measured_log, report
 from experiments.measured.single_track_fit import Fit
 from msgs_yaml.types import Chassis, Gnss, Imu
 from node_runtime import node_parameters, parameters
@@ -43,7 +43,7 @@ UNTOLD_FRICTION = 1.0  # where the logs that were fitted do not tell it
 
 def vehicle(known: log_map.LogMap, fit: Fit, roll_radps2: float) -> Vehicle:
     """Return the car of a map with the tyres of a fit."""
-    fitted = fit_report.fitted_car(known.car, fit)
+    fitted = report.fitted_car(known.car, fit)
     own, tyre = fitted.car, fitted.tyre
     friction = {
         name: UNTOLD_FRICTION if name in fit.vague else getattr(tyre, name)
@@ -137,7 +137,7 @@ def main() -> None:
     parser.add_argument('--fit', type=Path, required=True, metavar='FILE', help=text)
     parser.add_argument('--part', type=float, nargs=2, default=(0.0, 1.0), metavar=('FROM', 'TO'))
     options = parser.parse_args()
-    fit = fit_report.read_fit(options.fit)
+    fit = report.read_fit(options.fit)
     if fit is None:
         parser.error(f'--fit {options.fit}: has no .json of `experiments identify` beside it')
     table = compare(options.car, options.log, fit, *options.part)

@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
     """Fit and write; return 0. Raises BagError."""
     # imported late: scipy and matplotlib take a second to load
     from experiments import console
-    from experiments.measured import fit_report, log_map, measured_log, single_track_fit
+    from experiments.measured import log_map, measured_log, report, single_track_fit
 
     shown = console.wide(FILE_WIDTH)
     known = log_map.load(options.map)
@@ -63,14 +63,14 @@ def run(options: argparse.Namespace) -> int:
         print_text(shown, 'the place of the CoG is not told: it stays where the map has it')
         fixed['cog_to_front_m'] = 0.0
         fit = single_track_fit.fit(logs, known.car, options.add, fixed)
-    rows = fit_report.errors(known.car, fit, logs, held_out)
-    fit_report.write_car(options.out, known.car, fit, rows)
+    judged = report.judge(known.car, fit, logs, held_out)
+    report.write_car(options.out, known.car, fit, judged)
     picture = options.out.with_suffix('.png')
-    fit_report.draw(known.car, fit, logs, held_out).savefig(picture, metadata={'Software': None})
-    shown.print(fit_report.parameter_table(fit))
+    report.draw_fit(judged).savefig(picture, metadata={'Software': None})
+    shown.print(report.parameter_table(fit))
     first, second, value = fit.correlated
     print_text(shown, f'\nhardest to tell apart: {first} and {second}, correlation {value:.2f}\n')
-    shown.print(fit_report.error_table(rows))
+    shown.print(report.error_table(judged))
     print_text(shown, f'\ncar file: {options.out}\nfigure: {picture}')
     return 0
 

@@ -33,7 +33,7 @@ def run(options: argparse.Namespace) -> int:
     """Compare, show and write; return 0. Raises BagError."""
     # imported late: scipy and matplotlib take a second to load
     from experiments import console
-    from experiments.measured import fit_report, log_map, measured_log, validation, validation_page
+    from experiments.measured import log_map, measured_log, report, validation
     from mpcc_controller import car_file
     from node_runtime import node_parameters
     from vehicle_plant import parameters
@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
     car = car_file.read(options.car)
     path = node_parameters.find_config('mpcc_controller', options.car)
     try:
-        fit = fit_report.read_fit(path)
+        fit = report.read_fit(path)
     except (ValueError, KeyError) as error:
         raise BagError(f'{path.with_suffix(".json")}: is not of identify: {error}') from None
     if fit is None:
@@ -55,8 +55,8 @@ def run(options: argparse.Namespace) -> int:
     logs = [measured_log.load(log, known) for log in options.logs]
     result = validation.validate(logs, car, fit, plant)
     title = f'{path.stem} against {", ".join(log.name for log in logs)}'
-    for heading, columns, rows in validation_page.tables(result):
+    for heading, table in report.tables(result).items():
         print_text(shown, f'\n{heading}')
-        shown.print(console.table(columns, rows))
-    print_paths(shown, validation_page.write(result, options.out, title))
+        shown.print(console.table([*table], table.to_numpy()))
+    print_paths(shown, report.write_page(result, options.out, title))
     return 0

@@ -4,7 +4,6 @@ log_map           which column of a file is which signal, in which unit; what is
 measured_log      a log of any format in SI units at the CoG, filtered, without what is wrong in it
 log_checks        signs, units and signals that contradict each other
 single_track_fit  the single track over many windows at once, and its fit with intervals
-fit_report        the car file, the tables and the figure of a fit
 validation        errors of prediction model and plant against a log
-validation_page   their tables and figures on one page
+report            the car file, tables, figures and the page of a fit and of a validation
 """

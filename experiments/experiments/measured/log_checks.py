@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
 from bags.errors import BagError
 from experiments.measured.log_map import LogMap
@@ -41,15 +42,12 @@ def check(
 
     Returns what could not be checked.
     """
-    from scipy.ndimage import minimum_filter1d
-
     vx, r, steer = signals['vx'], signals['yaw_rate'], signals['steer']
     if np.median(vx) < 0:
         raise BagError(f'{path}: vx: is negative most of the time; set sign: -1 in the map')
-    if np.quantile(vx, 0.99) > FASTEST_MPS:
-        raise BagError(f'{path}: vx: up to {vx.max():.0f} m/s; is its unit right?')
-    if np.quantile(vx, 0.99) < SLOWEST_MPS:
-        raise BagError(f'{path}: vx: at most {vx.max():.1f} m/s; is its unit right?')
+    if not SLOWEST_MPS <= np.quantile(vx, 0.99) <= FASTEST_MPS:
+        allowed = f'a car drives {SLOWEST_MPS:g} to {FASTEST_MPS:g}'
+        raise BagError(f'{path}: vx: up to {vx.max():.3g} m/s; {allowed}: is its unit right?')
     body = log_map.car.car
     wheelbase = body.cog_to_front_m + body.cog_to_rear_m
     geometric = vx * np.tan(np.clip(steer, -1, 1)) / wheelbase
@@ -57,12 +55,12 @@ def check(
     step = float(np.median(np.diff(t)))
     gentle = minimum_filter1d(gentle, max(round(SUSTAINED_S / step), 1))
     turning = np.maximum(np.abs(r), np.abs(geometric)) > EXCITED_RADPS
+    turning &= vx > SLOWEST_MPS
     rows = gentle & turning
     if rows.sum() < LEAST_ROWS:
-        # wrong units may have hidden the gentle driving
-        rows = (vx > SLOWEST_MPS) & turning
-        if rows.sum() < LEAST_ROWS:
-            raise BagError(f'{path}: yaw_rate, steer: the car hardly turns: nothing to learn')
+        rows = turning  # wrong units may have hidden the gentle driving
+    if rows.sum() < LEAST_ROWS:
+        raise BagError(f'{path}: yaw_rate, steer: the car hardly turns: nothing to learn')
     for name, values in (('steer', geometric), ('yaw_rate', r)):
         if np.std(values[rows]) < 1e-3 * EXCITED_RADPS:
             raise BagError(f'{path}: {name}: does not change while the car turns')
@@ -78,7 +76,7 @@ def check(
     best = max(gains, key=lambda pair: abs(pair[1]))
     unknown = _judge(path, 'yaw_rate over vx steer / L', *best, GAIN, STEER_MISTAKES)
     if 'ay' in signals:
-        measured = _gain(vx * r, signals['ay'], turning & (vx > SLOWEST_MPS))
+        measured = _gain(vx * r, signals['ay'], turning)
         unknown += _judge(path, 'ay over vx yaw_rate', *measured, AY_GAIN, AY_MISTAKES)
     return unknown + _check_lateral_sign(path, t, step, signals, log_map)
 
@@ -109,8 +107,6 @@ def _judge(path, what, gain, correlation, allowed, mistakes):
 
 
 def _check_lateral_sign(path, t, step, signals, log_map):
-    from scipy.ndimage import uniform_filter1d
-
     body = log_map.car.car
     wheelbase = body.cog_to_front_m + body.cog_to_rear_m
     rows_per_window = max(round(0.1 / step), 1)

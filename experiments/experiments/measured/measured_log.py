@@ -5,15 +5,20 @@ where they are short; gaps, longer spikes and a signal that stands still while t
 left out of everything that follows. `Log.notes` says how much that was.
 """
 
+import csv
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pandas
+from scipy.io import loadmat
+from scipy.ndimage import binary_opening, median_filter
+from scipy.signal import butter, sosfiltfilt
 
 from bags.errors import BagError
 from bags.storage import read as bags_read
 from experiments.measured import log_checks
-from experiments.measured.log_map import HHMMSS, SI, LogMap, Signals
+from experiments.measured.log_map import HHMMSS, UNITS, LogMap
 from msgs_yaml.strict_yaml import closest
 
 STEP_S = 0.02
@@ -31,16 +36,14 @@ MOST_WRONG = 0.2  # share of the rows
 FROZEN_S, FROZEN_ABOVE_RADPS = 0.3, 0.15
 NORMAL_MAD = 1.4826
 LEAST_ROWS = 100
-# of a bag: topic and column
+MOST_SHOWN = 40  # columns of a log that an error names
+IMU = '/vehicle/imu'  # may be missing in a bag
+# of a bag: the columns of its topics
 BAG_COLUMNS = {
-    'steer': ('/vehicle/actuators', 'steer_rad'),
-    'vx': ('/vehicle/odometry', 'vx_mps'),
-    'vy': ('/vehicle/odometry', 'vy_mps'),
-    'yaw_rate': ('/vehicle/odometry', 'yaw_rate_radps'),
-    'ax': ('/vehicle/imu', 'ax_mps2'),
-    'ay': ('/vehicle/imu', 'ay_mps2'),
+    bags_read.STATE: {'vx': 'vx_mps', 'vy': 'vy_mps', 'yaw_rate': 'yaw_rate_radps'},
+    '/vehicle/actuators': {'steer': 'steer_rad'},
+    IMU: {'ax': 'ax_mps2', 'ay': 'ay_mps2'},
 }
-NEEDED = ('steer', 'vx', 'yaw_rate')
 
 
 class Log(NamedTuple):
@@ -60,9 +63,8 @@ class Log(NamedTuple):
 
 def load(path: Path, log_map: LogMap, checked: bool = True) -> Log:
     """Read and prepare a log. Raises BagError, as `log_checks` unless not `checked`."""
-    signals, notes = read(path, log_map), []
-    signals = {name: np.array(values, float) for name, values in signals.items()}
-    signals, every = _without_repeats(signals)
+    notes = []
+    signals, every = _without_repeats(read(path, log_map))
     if every > 1:
         notes.append(f'every row {every} times: one of them used')
     t = signals.pop('time', None)
@@ -75,17 +77,22 @@ def load(path: Path, log_map: LogMap, checked: bool = True) -> Log:
     step = float(np.median(np.diff(t))) if len(t) > 1 else np.inf
     if step > 1 / LEAST_RATE_HZ:
         raise BagError(f'{path}: time: {1 / step:.3g} rows a second; at least {LEAST_RATE_HZ:g}')
+
+    def longer_than(seconds, marked):
+        """Return the marked rows that are in a longer run of them."""
+        return binary_opening(marked, np.ones(round(seconds / step) + 1))
+
     wrong = np.zeros(len(t), bool)
     for name, values in signals.items():
         spikes = _spikes(values, SPIKE_LEAST[name], round(BURST_S / step))
         if spikes.any():
             notes.append(f'{name}: {spikes.sum()} rows of spikes')
             values[spikes] = np.interp(t[spikes], t[~spikes], values[~spikes])
-            wrong |= _longer_than(spikes, round(MENDED_S / step))
+            wrong |= longer_than(MENDED_S, spikes)
     turning = np.abs(signals['yaw_rate']) > FROZEN_ABOVE_RADPS
     for name in ('vy', 'yaw_rate'):
         still = np.append(False, np.diff(signals[name]) == 0)
-        frozen = _longer_than(still, round(FROZEN_S / step)) & turning
+        frozen = longer_than(FROZEN_S, still) & turning
         if frozen.any():
             notes.append(f'{name}: stands still for {frozen.sum() * step:.1f} s')
             wrong |= frozen
@@ -99,30 +106,21 @@ def load(path: Path, log_map: LogMap, checked: bool = True) -> Log:
         )
     if checked:
         notes += log_checks.check(path, t, signals, log_map)
-    return _at_cog(path.name, t, signals, wrong, gaps, step, log_map, notes)
-
-
-def _at_cog(name, t, signals, wrong, gaps, step, log_map, notes):
-    from scipy.signal import butter, sosfiltfilt
-
-    even = np.arange(t[0], t[-1], step)
-    grid = np.arange(t[0], t[-1], STEP_S)
-    cutoff = min(LOW_PASS_HZ, 0.4 / step)
-    low_pass = butter(2, cutoff, fs=1 / step, output='sos')
-
+    even, grid = np.arange(t[0], t[-1], step), np.arange(t[0], t[-1], STEP_S)
+    valid = np.interp(grid, t, wrong) == 0
+    for k in gaps:
+        valid &= (grid < t[k] - AROUND_GAP_S) | (grid > t[k + 1] + AROUND_GAP_S)
+    low_pass = butter(2, min(LOW_PASS_HZ, 0.4 / step), fs=1 / step, output='sos')
     steer, vx, vy, r = (
-        sosfiltfilt(low_pass, np.interp(even, t, signals[n]))
-        for n in ('steer', 'vx', 'vy', 'yaw_rate')
+        sosfiltfilt(low_pass, np.interp(even, t, signals[name]))
+        for name in ('steer', 'vx', 'vy', 'yaw_rate')
     )
     sensor = log_map.columns.sensor
     vx = vx + (sensor.left_m or 0.0) * r
     vy = vy - (sensor.ahead_m or 0.0) * r
     ax, ay = np.gradient(vx, step) - vy * r, np.gradient(vy, step) + vx * r
-    valid = np.interp(grid, t, wrong) == 0
-    for k in gaps:
-        valid &= (grid < t[k] - AROUND_GAP_S) | (grid > t[k + 1] + AROUND_GAP_S)
-    steer, vx, vy, r, ax, ay = (np.interp(grid, even, x) for x in (steer, vx, vy, r, ax, ay))
-    return Log(name, grid - t[0], steer, vx, vy, r, ax, ay, valid, tuple(notes))
+    columns = (np.interp(grid, even, x) for x in (steer, vx, vy, r, ax, ay))
+    return Log(path.name, grid - t[0], *columns, valid, tuple(notes))
 
 
 def _without_repeats(signals):
@@ -130,16 +128,12 @@ def _without_repeats(signals):
     rows = np.column_stack([x for name, x in signals.items() if name != 'time'])
     changes = np.flatnonzero(np.any(np.diff(rows, axis=0) != 0, axis=1))
     every = int(np.median(np.diff(changes))) if len(changes) > 2 else 1
-    if every < 2:
-        return signals, 1
     # the first row of each repetition
-    start = changes[len(changes) // 2] + 1
+    start = changes[len(changes) // 2] + 1 if every > 1 else 0
     return {name: x[start % every :: every] for name, x in signals.items()}, every
 
 
 def _spikes(values, least, burst):
-    from scipy.ndimage import median_filter
-
     missing = ~np.isfinite(values)
     if missing.all():
         return missing
@@ -150,22 +144,8 @@ def _spikes(values, least, burst):
     return missing | far | (away > limit)
 
 
-def _longer_than(marked, count):
-    """Return the marked rows that are in a run of more than `count`."""
-    kept = np.zeros(len(marked), bool)
-    for start, end in stretches(marked):
-        kept[start:end] = end - start > count
-    return kept
-
-
-def stretches(valid: np.ndarray) -> list[tuple[int, int]]:
-    """Return (first, one past the last) of each run of true rows."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], valid.astype(int), [0]])))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
-
-
 def read(path: Path, log_map: LogMap) -> dict[str, np.ndarray]:
-    """Return the signals of `Signals` that a log has, SI, ISO 8855 axes, arrays (n,).
+    """Return the signals of `UNITS` that a log has, SI, ISO 8855 axes, arrays (n,).
 
     Raises BagError that names the file and the signal, and OSError.
     """
@@ -174,27 +154,28 @@ def read(path: Path, log_map: LogMap) -> dict[str, np.ndarray]:
         return _read_bag(path)
     columns, wanted = reader(path), log_map.columns
     signals: dict[str, np.ndarray] = {}
-    for name in Signals.__dataclass_fields__:
+    for name, units in UNITS.items():
         signal = getattr(wanted.signals, name)
         if not signal.column:
             continue
         if signal.column not in columns:
-            hint = closest(signal.column, columns) or f'; it has {", ".join([*columns][:40])}'
+            shown = ', '.join([*columns][:MOST_SHOWN])
+            hint = closest(signal.column, columns) or f'; it has {shown}'
             raise BagError(f'{path}: {name}: there is no column {signal.column!r}{hint}')
-        values = columns[signal.column]
+        values = np.asarray(columns[signal.column], float)
         if signal.unit == HHMMSS:
             values = values // 1e4 * 3600 + values // 100 % 100 * 60 + values % 100
-        signals[name] = (signal.sign or 1) * SI[signal.unit] * values
-    for name in (*NEEDED, 'vy'):
-        if name not in signals and (name, 'sideslip' in signals) != ('vy', True):
+        signals[name] = (signal.sign or 1) * units[signal.unit] * values
+    if 'sideslip' in signals and 'vx' in signals:
+        signals['vy'] = signals['vx'] * np.tan(signals.pop('sideslip'))
+    for name in ('steer', 'vx', 'yaw_rate', 'vy'):
+        if name not in signals:
             raise BagError(f'{path}: signals.{name}: is missing; the map says which column it is')
     if len(signals['vx']) < LEAST_ROWS:
         raise BagError(f'{path}: has {len(signals["vx"])} rows; at least {LEAST_ROWS}')
     if 'time' not in signals and wanted.rate_hz is None:
         raise BagError(f'{path}: the map has neither signals.time nor rate_hz')
     signals['steer'] = signals['steer'] / (wanted.steering_ratio or 1.0)
-    if 'sideslip' in signals:
-        signals['vy'] = signals['vx'] * np.tan(signals.pop('sideslip'))
     return signals
 
 
@@ -204,9 +185,8 @@ def _read_vbo(path):
     names = names.partition('[')[0].split()
     if not names or not data:
         raise BagError(f'{path}: is no VBO file: sections [column names] and [data] are missing')
-    rows = [line.split() for line in data.splitlines()]
     # a file ends where the logger lost its power
-    rows = [row for row in rows if len(row) == len(names)]
+    rows = [row for line in data.splitlines() if len(row := line.split()) == len(names)]
     try:
         return dict(zip(names, np.array(rows, float).reshape(-1, len(names)).T))
     except ValueError as error:
@@ -214,42 +194,37 @@ def _read_vbo(path):
 
 
 def _read_mat(path):
-    from scipy.io import loadmat
-
     try:
         content = loadmat(path, squeeze_me=True)
     except (ValueError, TypeError, NotImplementedError) as error:
         raise BagError(f'{path}: is no MATLAB file up to version 7: {error}') from None
-    columns = {}
-    for name, value in content.items():
-        if np.ndim(value) == 1 and np.issubdtype(np.asarray(value).dtype, np.number):
-            columns[name] = np.asarray(value, float)
+    arrays = {name: np.asarray(x) for name, x in content.items() if not name.startswith('__')}
+    columns = {name: x for name, x in arrays.items() if x.ndim == 1 and x.dtype.kind in 'iuf'}
     if not columns:
         raise BagError(f'{path}: holds no vector of numbers')
     longest = max(map(len, columns.values()))
-    return {name: value for name, value in columns.items() if len(value) == longest}
+    return {name: x for name, x in columns.items() if len(x) == longest}
 
 
 def _read_csv(path):
-    import pandas
-
     try:
         frame = pandas.read_csv(path, sep=None, engine='python', skipinitialspace=True)
         frame = frame.apply(pandas.to_numeric, errors='coerce').dropna(axis=1, how='all')
-    except (ValueError, UnicodeError) as error:
+    except (ValueError, csv.Error) as error:
         raise BagError(f'{path}: is no CSV file with a header: {error}') from None
-    return {str(name).strip(): column.to_numpy(float) for name, column in frame.items()}
+    return {str(name).strip(): column for name, column in frame.items()}
 
 
 def _read_bag(path):
     tables = bags_read.columns(path)
-    for name, (topic, _) in BAG_COLUMNS.items():
-        if name in (*NEEDED, 'vy') and (topic not in tables or not len(tables[topic].t_s)):
-            raise BagError(f'{path}: nothing was recorded of {topic}, which has {name}')
-    t = tables['/vehicle/odometry'].t_s
-    signals = {'time': t}
-    for name, (topic, column) in BAG_COLUMNS.items():
-        if topic in tables and len(tables[topic].t_s):
-            table = tables[topic]
-            signals[name] = np.interp(t, table.t_s, getattr(table, column))
-    return signals
+    for topic, columns in BAG_COLUMNS.items():
+        if topic not in tables and topic != IMU:
+            names = ', '.join(columns)
+            raise BagError(f'{path}: nothing was recorded of {topic}, which has {names}')
+    t = tables[bags_read.STATE].t_s
+    return {'time': t} | {
+        name: np.interp(t, tables[topic].t_s, getattr(tables[topic], column))
+        for topic, columns in BAG_COLUMNS.items()
+        if topic in tables
+        for name, column in columns.items()
+    }

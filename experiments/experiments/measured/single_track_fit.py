@@ -18,17 +18,20 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.ndimage import find_objects, label
+from scipy.optimize import least_squares
+from scipy.stats import t as student
 
 from bags.errors import BagError
-from experiments.measured.measured_log import STEP_S, Log, stretches
-from mpcc_controller.parameters import CarBody, CarParams
+from experiments.measured.measured_log import STEP_S, Log
+from mpcc_controller.parameters import CarParams
 
 GRAVITY = 9.81
 WINDOW_S, LEAST_SPEED_MPS = 2.0, 6.0
 LONGEST_DELAY_S = 0.3
 MOST_STEPS = 60  # of the fit
 MOST_WINDOWS, LEAST_WINDOWS = 200, 5
-SCALE_VY_MPS, SCALE_R_RADPS = 0.1, 0.02  # residuals of size 1
+SCALES = (0.1, 0.02)  # m/s and rad/s: vy and r of a residual of size 1
 EVERY = 2  # rows of a residual: signals have passed a filter of 8 Hz
 ROLL_S = 0.1  # delay of lateral load transfer
 LONGITUDINAL_SHARE = 0.95  # of the friction that a longitudinal force takes at most
@@ -66,15 +69,21 @@ KINDS = {
     'compliance_radpn': Kind(0.0, 3e-5, 2e-6, 5e-7, 'rad/N', 'steering compliance', False),
 }
 BASIC = tuple(KINDS)[:8]
-ADDITIONS = {
-    'relaxation': ('relaxation_m',),
-    'load': ('load_front', 'load_rear'),
-    'compliance': ('compliance_radpn',),
+ADDITIONS = ('relaxation', 'load', 'compliance')  # with these words their parameters begin
+# of `Windows`, what a model says: its label, and how many of the label's units are one in SI
+SIGNALS = {
+    'r': ('yaw rate [deg/s]', 180 / np.pi),
+    'ay': ('lateral acceleration [m/s²]', 1.0),
+    'vy': ('lateral speed [m/s]', 1.0),
+    'sideslip': ('sideslip [deg]', 180 / np.pi),
 }
 
 
 class Windows(NamedTuple):
-    """Measured windows, arrays (rows, windows); `steer` begins LONGEST_DELAY_S earlier."""
+    """Windows of a log, or of a model: arrays (rows, windows).
+
+    As measured, `steer` begins LONGEST_DELAY_S earlier.
+    """
 
     steer: np.ndarray
     vx: np.ndarray
@@ -83,21 +92,39 @@ class Windows(NamedTuple):
     ax: np.ndarray
     ay: np.ndarray
 
+    @property
+    def sideslip(self) -> np.ndarray:
+        """The sideslip angle [rad]."""
+        return np.arctan2(self.vy, self.vx)
+
     def take(self, columns: Any) -> 'Windows':
         """Return some of the windows."""
         return Windows(*(array[:, columns] for array in self))
 
+    def corrected(self, values: Mapping[str, Any]) -> 'Windows':
+        """Return the windows without what parameters of a fit say is wrong in the measurement.
+
+        `steer` (rows, windows) is that of the wheels. A value may be an array (windows,).
+        """
+        rows, columns = self.vx.shape
+        back = np.broadcast_to(values.get('steer_delay_s', 0.0) / STEP_S, columns)
+        whole = np.floor(back).astype(int)
+        share = back - whole
+        at = len(self.steer) - rows + np.arange(rows)[:, None] - whole
+        now, before = (self.steer[k, np.arange(columns)] for k in (at, np.maximum(at - 1, 0)))
+        steer = now * (1 - share) + before * share + values.get('steer_offset_rad', 0.0)
+        return self._replace(
+            steer=steer, vy=self.vy - self.vx * values.get('sideslip_offset_rad', 0.0)
+        )
+
 
 class Fit(NamedTuple):
-    """A fit: values, half widths of 95 % and what is not told, by parameter; residuals."""
+    """A fit: values, half widths of 95 % and what is not told, by parameter."""
 
     values: dict[str, float]
     half_widths: dict[str, float]
     vague: tuple[str, ...]  # parameters that the log does not tell
     correlated: tuple[str, str, float]  # the two that are hardest to tell apart
-    rms_vy: float  # m/s
-    rms_r: float  # rad/s
-    windows: int
     additions: tuple[str, ...]
 
 
@@ -108,18 +135,28 @@ def cut(logs: Sequence[Log], seconds: float = WINDOW_S, every: float | None = No
     """
     count, margin = round(seconds / STEP_S), round(LONGEST_DELAY_S / STEP_S)
     stride = count if every is None else round(every / STEP_S)
-    parts = []
-    for log in logs:
-        usable = log.valid & (log.vx > LEAST_SPEED_MPS)
-        for a, b in stretches(usable):
-            for first in range(a + margin, b - count, stride):
-                parts.append(window(log, first, first + count + 1))
+    parts = [
+        window(log, first, first + count + 1)
+        for log in logs
+        for begin, end in stretches(usable(log))
+        for first in range(begin + margin, end - count, stride)
+    ]
     if not parts:
         raise BagError(
             f'{", ".join(log.name for log in logs)}: no {seconds:g} s of valid driving above '
             f'{LEAST_SPEED_MPS:g} m/s'
         )
     return Windows(*(np.concatenate(arrays, axis=1) for arrays in zip(*parts)))
+
+
+def usable(log: Log) -> np.ndarray:
+    """Return which rows of a log are judged: valid ones, above LEAST_SPEED_MPS."""
+    return log.valid & (log.vx > LEAST_SPEED_MPS)
+
+
+def stretches(chosen: np.ndarray) -> list[tuple[int, int]]:
+    """Return (first, one past the last) of each run of true rows."""
+    return [(rows.start, rows.stop) for (rows,) in find_objects(label(chosen)[0])]
 
 
 def window(log: Log, begin: int, end: int) -> Windows:
@@ -135,28 +172,26 @@ def axle_force(z: Any, stiffness: Any, capacity: Any) -> Any:
     return -np.sign(z) * capacity * (3 * q - 3 * q**2 + q**3)
 
 
-class _Car:
-    """Parameters of every column, arrays (columns,), and what follows from them."""
+def simulate(car: CarParams, values: Mapping[str, Any], windows: Windows) -> Windows:
+    """Return the motion of the single track in corrected windows, from their first row on.
 
-    def __init__(self, body: CarBody, drive_front_share: float, values: Mapping[str, Any]):
-        self.p = {name: np.asarray(values.get(name, 0.0)) for name in KINDS}
-        self.m, self.Izz, self.h = body.mass_kg, body.yaw_inertia_kgm2, body.cog_height_m
-        self.L = body.cog_to_front_m + body.cog_to_rear_m
-        self.lf = body.cog_to_front_m + self.p['cog_to_front_m']
-        self.lr = self.L - self.lf
-        self.drag, self.rolling = body.drag_n_per_mps2, body.rolling_n
-        self.drive_front = drive_front_share
+    `values` are numbers, or arrays with a value for each window; what is missing is 0.
+    """
+    p = {name: np.asarray(values.get(name, 0.0)) for name in KINDS}
+    body, drive_front = car.car, car.actuators.drive_front_share
+    m, L = body.mass_kg, body.cog_to_front_m + body.cog_to_rear_m
+    lf = body.cog_to_front_m + p['cog_to_front_m']
+    lr = L - lf
 
-    def rates(self, vy, r, lagged, vx, ax, delta, roll_ay, fraction):
+    def rates(vy, r, lagged, vx, ax, delta, roll_ay, fraction):
         """Return dvy/dt, dr/dt, ay and the steady slips of both axles.
 
         The slips that act have come from `lagged` nearer to these by a `fraction` of the way.
         """
-        p = self.p
-        Fx = self.m * ax + self.drag * vx**2 + self.rolling
-        Fzf = (self.m * GRAVITY * self.lr - self.h * Fx) / self.L
-        Fzr = (self.m * GRAVITY * self.lf + self.h * Fx) / self.L
-        front = np.where(Fx > 0, self.drive_front, Fzf / (Fzf + Fzr))
+        Fx = m * ax + body.drag_n_per_mps2 * vx**2 + body.rolling_n
+        Fzf = (m * GRAVITY * lr - body.cog_height_m * Fx) / L
+        Fzr = (m * GRAVITY * lf + body.cog_height_m * Fx) / L
+        front = np.where(Fx > 0, drive_front, Fzf / (Fzf + Fzr))
         loss = (roll_ay / GRAVITY) ** 2
         axles = []
         for name, Fz, share in (('front', Fzf, front), ('rear', Fzr, 1 - front)):
@@ -165,63 +200,41 @@ class _Car:
             along = np.clip(share * Fx, -LONGITUDINAL_SHARE * grip, LONGITUDINAL_SHARE * grip)
             axles.append((p[f'{name}_cornering_npr'] * left, np.sqrt(grip**2 - along**2), along))
         (Cf, Gf, Xf), (Cr, Gr, _) = axles
-        angle = np.arctan((vy + self.lf * r) / vx)
+        angle = np.arctan((vy + lf * r) / vx)
         steady_f, turned = np.tan(angle - delta), delta
         if p['compliance_radpn'].any():
             for _ in range(3):
                 turned = delta - p['compliance_radpn'] * axle_force(steady_f, Cf, Gf)
                 steady_f = np.tan(angle - turned)
-        zf = lagged[0] + (steady_f - lagged[0]) * fraction
-        steady_r = (vy - self.lr * r) / vx
-        zr = lagged[1] + (steady_r - lagged[1]) * fraction
+        steady = steady_f, (vy - lr * r) / vx
+        zf, zr = (old + (new - old) * fraction for old, new in zip(lagged, steady))
         Ff, Fr = axle_force(zf, Cf, Gf), axle_force(zr, Cr, Gr)
         Yf = Ff * np.cos(turned) + Xf * np.sin(turned)
-        ay = (Yf + Fr) / self.m
-        return ay - vx * r, (self.lf * Yf - self.lr * Fr) / self.Izz, ay, (steady_f, steady_r)
+        ay = (Yf + Fr) / m
+        return ay - vx * r, (lf * Yf - lr * Fr) / body.yaw_inertia_kgm2, ay, steady
 
-
-def simulate(
-    car: CarParams, values: Mapping[str, Any], windows: Windows, vy: np.ndarray, r: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return vy, r and ay (rows, columns) from the states `vy` and `r` at the first row.
-
-    `values` are numbers, or arrays with a value for each column of the windows.
-    """
-    single = _Car(car.car, car.actuators.drive_front_share, values)
     rows, columns = windows.vx.shape
-    delta = delayed(windows.steer, single.p['steer_delay_s'], rows, columns)
-    delta = delta + single.p['steer_offset_rad']
-    ay = windows.ay[0]
-    vx, ax = windows.vx, windows.ax
+    inputs = windows.vx, windows.ax, windows.steer
+    vy, r, ay = windows.vy[0], windows.r[0], windows.ay[0]
     # so that the axles have the slip of their steady state at the start
-    lagged = single.rates(vy, r, (0.0, 0.0), vx[0], ax[0], delta[0], ay, 1.0)[3]
+    lagged = rates(vy, r, (0.0, 0.0), *(a[0] for a in inputs), ay, 1.0)[3]
     roll_ay, out = ay, np.empty((3, rows, columns))
-    relaxation = np.maximum(single.p['relaxation_m'], 1e-6)
+    relaxation = np.maximum(p['relaxation_m'], 1e-6)
     at_once = np.where(relaxation > 1e-6, 0.0, 1.0)
     rolled = 1 - np.exp(-STEP_S / ROLL_S)
     for k in range(rows - 1):
-        middle = [(a[k] + a[k + 1]) / 2 for a in (vx, ax, delta)]
+        middle = [(a[k] + a[k + 1]) / 2 for a in inputs]
         half = 1 - np.exp(-middle[0] * STEP_S / 2 / relaxation)
         whole = 1 - np.exp(-middle[0] * STEP_S / relaxation)
-        d_vy, d_r, ay, _ = single.rates(vy, r, lagged, vx[k], ax[k], delta[k], roll_ay, at_once)
+        d_vy, d_r, ay, _ = rates(vy, r, lagged, *(a[k] for a in inputs), roll_ay, at_once)
         out[:, k] = vy, r, ay
         vy_m, r_m = vy + STEP_S / 2 * d_vy, r + STEP_S / 2 * d_r
-        d_vy, d_r, ay, steady = single.rates(vy_m, r_m, lagged, *middle, roll_ay, half)
+        d_vy, d_r, ay, steady = rates(vy_m, r_m, lagged, *middle, roll_ay, half)
         lagged = tuple(old + (new - old) * whole for old, new in zip(lagged, steady))
         vy, r = vy + STEP_S * d_vy, r + STEP_S * d_r
         roll_ay = roll_ay + (ay - roll_ay) * rolled
     out[:, -1] = vy, r, ay
-    return out[0], out[1], out[2]
-
-
-def delayed(steer: np.ndarray, delay: Any, rows: int, columns: int) -> np.ndarray:
-    """Return the steer of windows (rows, columns) `delay` seconds ago."""
-    back = np.broadcast_to(delay / STEP_S, columns)
-    whole = np.floor(back).astype(int)
-    share = back - whole
-    at = len(steer) - rows + np.arange(rows)[:, None] - whole
-    column = np.broadcast_to(np.arange(columns), at.shape)
-    return steer[at, column] * (1 - share) + steer[np.maximum(at - 1, 0), column] * share
+    return windows._replace(vy=out[0], r=out[1], ay=out[2])
 
 
 def fit(
@@ -234,8 +247,6 @@ def fit(
 
     The additions are of ADDITIONS.
     """
-    from scipy.optimize import least_squares
-
     windows = cut(logs)
     count = windows.vx.shape[1]
     if count < LEAST_WINDOWS:
@@ -247,43 +258,27 @@ def fit(
         windows = windows.take(np.sort(np.argsort(np.ptp(windows.r, axis=0))[-MOST_WINDOWS:]))
         count = MOST_WINDOWS
     fixed = dict(fixed or {})
-    names = [*BASIC, *(name for word in additions for name in ADDITIONS[word])]
-    names = [name for name in names if name not in fixed]
+    chosen = (name for name in KINDS if name in BASIC or name.startswith(tuple(additions)))
+    names = [name for name in chosen if name not in fixed]
     low, high, scale, start = (np.array([KINDS[n][k] for n in names]) for k in range(4))
     problem = _Problem(car, windows, names, fixed, scale)
     stiff = np.isin(names, STIFFNESSES)
     start[stiff] = start[stiff] * car.car.mass_kg * GRAVITY / 2
     start = np.clip(start, low * 1.001, high * 0.999)
-    x0 = np.concatenate([start / scale, windows.vy[0] / SCALE_VY_MPS, windows.r[0] / SCALE_R_RADPS])
+    states = [x[0] / size for x, size in zip((windows.vy, windows.r), SCALES)]
+    x0 = np.concatenate([start / scale, *states])
     free = np.full(2 * count, np.inf)
     bounds = (np.append(low / scale, -free), np.append(high / scale, free))
-    solution = least_squares(
-        problem.residuals,
-        x0,
-        problem.jacobian,
-        bounds,
-        loss='soft_l1',
-        xtol=1e-5,
-        ftol=1e-6,
-        max_nfev=MOST_STEPS,
-    )
+    ends = {'xtol': 1e-5, 'ftol': 1e-6, 'max_nfev': MOST_STEPS}
+    functions = problem.residuals, x0, problem.jacobian
+    solution = least_squares(*functions, bounds, loss='soft_l1', **ends)
     values = dict(zip(names, (solution.x[: len(names)] * scale).tolist()))
     half_widths, correlation = problem.intervals(solution.x)
     half = dict(zip(names, (half_widths * scale).tolist()))
     vague = tuple(name for name in names if _is_vague(name, values[name], half[name]))
     pair = np.unravel_index(np.argmax(np.abs(np.triu(correlation, 1))), correlation.shape)
-    residual = problem.residuals(solution.x).reshape(2, -1)
-    rms = np.sqrt(np.mean(residual**2, axis=1))
-    return Fit(
-        fixed | values,
-        half,
-        vague,
-        (names[pair[0]], names[pair[1]], float(correlation[pair])),
-        float(rms[0] * SCALE_VY_MPS),
-        float(rms[1] * SCALE_R_RADPS),
-        count,
-        tuple(additions),
-    )
+    correlated = names[pair[0]], names[pair[1]], float(correlation[pair])
+    return Fit(fixed | values, half, vague, correlated, tuple(additions))
 
 
 def _is_vague(name, value, half):
@@ -296,50 +291,44 @@ def _is_vague(name, value, half):
 
 
 class _Problem:
-    """Residuals of all windows and their derivatives by differences, every column at once."""
+    """Residuals of all windows and their derivatives by differences, every column at once.
+
+    What is sought, x, are the parameters and then vy and r at the start of each window, by `scale`.
+    """
 
     def __init__(self, car, windows, names, fixed, scale):
         self.car, self.windows, self.names, self.fixed = car, windows, names, fixed
-        self.scale, self.count = scale, windows.vx.shape[1]
-        self.repeated = windows.take(np.tile(np.arange(self.count), len(names) + 3))
+        self.scale, self.count = np.append(scale, SCALES), windows.vx.shape[1]
 
-    def _split(self, x):
-        n = len(self.names)
-        return x[:n], x[n : n + self.count], x[n + self.count :]
-
-    def _residual(self, theta, vy, r, windows):
-        """Return (rows, 2, columns); `theta` (names, columns or 1)."""
-        values = self.fixed | dict(zip(self.names, theta * self.scale[:, None]))
-        model_vy, model_r, _ = simulate(
-            self.car, values, windows, vy * SCALE_VY_MPS, r * SCALE_R_RADPS
-        )
-        measured = windows.vy - windows.vx * values.get('sideslip_offset_rad', 0.0)
-        pair = (model_vy - measured) / SCALE_VY_MPS, (model_r - windows.r) / SCALE_R_RADPS
-        return np.stack([part[::EVERY] for part in pair], axis=1)
+    def _residuals(self, x, changes):
+        """Return (rows, 2, m, windows): each window with each change (m, names + 2) of x."""
+        n, m = len(self.names), len(changes)
+        own = np.vstack([np.repeat(x[:n, None], self.count, 1), x[n:].reshape(2, -1)])
+        changed = (own[:, None] + changes.T[:, :, None]).reshape(n + 2, -1)
+        *values, vy, r = changed * self.scale[:, None]
+        values = self.fixed | dict(zip(self.names, values))
+        windows = self.windows.take(np.tile(np.arange(self.count), m)).corrected(values)
+        motion = simulate(self.car, values, windows._replace(vy=vy[None], r=r[None]))
+        pair = zip((motion.vy, motion.r), (windows.vy, windows.r), SCALES)
+        parts = [(model - measured)[::EVERY] / scale for model, measured, scale in pair]
+        return np.stack(parts, axis=1).reshape(-1, 2, m, self.count)
 
     def residuals(self, x):
         """Return the residuals, those of vy first."""
-        theta, vy, r = self._split(x)
-        return self._residual(theta[:, None], vy, r, self.windows).transpose(1, 2, 0).ravel()
+        change = np.zeros((1, len(self.names) + 2))
+        return self._residuals(x, change)[:, :, 0].transpose(1, 2, 0).ravel()
 
     def _derivatives(self, x, step=1e-4):
         """Return the residuals (windows, k), and their derivatives (windows, k, names + 2)."""
-        theta, vy, r = self._split(x)
-        n, count = len(self.names), self.count
-        change = np.zeros((n + 3, n + 2))
+        n = len(self.names)
         # inwards, away from the upper bound
         high = np.array([KINDS[name].high for name in self.names])
-        signs = np.append(np.where(theta * self.scale > 0.9 * high, -1.0, 1.0), [1.0, 1.0])
-        change[np.arange(1, n + 3), np.arange(n + 2)] = step * signs
-        change = np.repeat(change, count, axis=0)
-        result = self._residual(
-            theta[:, None] + change[:, :n].T,
-            np.tile(vy, n + 3) + change[:, n],
-            np.tile(r, n + 3) + change[:, n + 1],
-            self.repeated,
+        signs = np.append(np.where(x[:n] * self.scale[:n] > 0.9 * high, -1.0, 1.0), [1.0, 1.0])
+        changes = np.vstack([np.zeros(n + 2), np.diag(step * signs)])
+        f, *others = (
+            self._residuals(x, changes).transpose(2, 3, 0, 1).reshape(n + 3, self.count, -1)
         )
-        rows = result.reshape(-1, n + 3, count).transpose(2, 0, 1)
-        return rows[:, :, 0], (rows[:, :, 1:] - rows[:, :, :1]) / (step * signs)
+        return f, np.stack([other - f for other in others], axis=-1) / (step * signs)
 
     def jacobian(self, x):
         """Return the derivatives of `residuals`, dense."""
@@ -347,12 +336,9 @@ class _Problem:
         _, D = self._derivatives(x)
         k = D.shape[1] // 2
         D = D.reshape(count, k, 2, n + 2).transpose(2, 0, 1, 3)  # vy or r, window, row, parameter
-        J = np.zeros((2, count, k, n + 2 * count))
-        J[..., :n] = D[..., :n]
-        each = np.arange(count)
-        J[:, each, :, n + each] = D[..., n].transpose(1, 0, 2)
-        J[:, each, :, n + count + each] = D[..., n + 1].transpose(1, 0, 2)
-        return J.reshape(-1, n + 2 * count)
+        # the start of a window moves that window alone
+        starts = np.einsum('swkp,wv->swkpv', D[..., n:], np.eye(count)).reshape(2, count, k, -1)
+        return np.concatenate([D[..., :n], starts], axis=-1).reshape(-1, n + 2 * count)
 
     def intervals(self, x):
         """Return half widths (names,) in units of the scale, and the correlations.
@@ -361,8 +347,6 @@ class _Problem:
         is left is weighted as soft_l1 does it. The variance is that of a wild bootstrap, which
         turns the sign of a whole block of residuals at random, linear about the optimum.
         """
-        from scipy.stats import t as student
-
         n = len(self.names)
         f, D = self._derivatives(x)
         weight = (1 + f**2) ** -0.25

@@ -10,13 +10,7 @@ from measured_drives import TRUTH, plant_drive, single_track_log, write_log, wri
 from bags.errors import BagError
 from experiments import cli
 from experiments.configuration import inputs
-from experiments.measured import (
-    fit_report,
-    log_map,
-    measured_log,
-    single_track_fit,
-    validation,
-)
+from experiments.measured import log_map, measured_log, report, single_track_fit, validation
 from mpcc_controller import car_file
 from mpcc_controller.problem import stage_parameters
 from vehicle_plant import identify
@@ -35,13 +29,12 @@ def test_without_additions_it_is_the_prediction_model(car):
         name: getattr(car.tyre, name) for name in type(car.tyre).__dataclass_fields__
     }
     log = single_track_log(car, 0, values=values, noise=(0.0, 0.0))
-    windows = single_track_fit.cut([log])
+    windows = single_track_fit.cut([log]).corrected({})
     model = stage_parameters.car(inputs.controller_params('mpcc'), car)._replace(tyre_switch=1.0)
-    delta = validation._steer(windows, {})
-    vy, r, _ = validation.predict(model, windows, delta)
+    motion = validation.predict(model, windows)
     assert np.abs(windows.ay).max() > 8.0
-    assert np.abs(vy - windows.vy).max() < 0.05 * np.ptp(windows.vy)
-    assert np.abs(r - windows.r).max() < 0.03 * np.ptp(windows.r)
+    assert np.abs(motion.vy - windows.vy).max() < 0.05 * np.ptp(windows.vy)
+    assert np.abs(motion.r - windows.r).max() < 0.03 * np.ptp(windows.r)
 
 
 def test_what_is_put_in_comes_out_within_its_interval(car):
@@ -139,7 +132,7 @@ def test_recordings_of_ours_are_logs_too(tmp_path):
     logs = [measured_log.load(path, known) for path in REFERENCE]
     fit = single_track_fit.fit(logs, known.car, fixed={'cog_to_front_m': 0.0})
     assert fit.values['front_friction'] == pytest.approx(0.947, rel=0.08)
-    assert all(row.rms_r < 0.05 for row in fit_report.errors(known.car, fit, logs, []))
+    assert all(row.errors()['rms_r'] < 0.05 for row in report.judge(known.car, fit, logs, []))
 
 
 @pytest.mark.parametrize(
