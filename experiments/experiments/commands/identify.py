@@ -15,7 +15,7 @@ from pathlib import Path
 from bags.command_line import print_text
 from bags.errors import BagError
 from experiments.commands import add_list
-from msgs_yaml.strict_yaml import closest
+from msgs_yaml.strict_yaml import Leaf, Range, closest
 
 HELP = "the controllers' car from recorded driving, with intervals"
 EXAMPLE = (
@@ -76,14 +76,13 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _parse(text, kinds):
+    from experiments.configuration.set_option import parse_value
+
     name, _, value = text.partition('=')
     if name not in kinds:
         raise BagError(f'--fix {text}: unknown parameter{closest(name, kinds)}')
-    kind = kinds[name]
-    try:
-        number = float(value)
-    except ValueError:
-        raise BagError(f'--fix {text}: {value!r} is no number') from None
-    if not kind.low <= number <= kind.high:
-        raise BagError(f'--fix {text}: allowed {kind.low:g} to {kind.high:g} {kind.unit}')
-    return name, number
+    kind, number = kinds[name], parse_value(text, value, '--fix ')
+    fault = Leaf(float, False, Range(kind.low, kind.high, kind.unit)).fault(number)
+    if fault:
+        raise BagError(f'--fix {text}: {fault}')
+    return name, float(number)

@@ -12,9 +12,9 @@ import numpy as np
 
 from bags.errors import BagError
 from mpcc_controller.parameters import CarParams
-from msgs_yaml.strict_yaml import YamlError, closest, read
+from msgs_yaml.strict_yaml import EMPTY, Leaf, YamlError, read
 from node_runtime import node_parameters, parameters
-from node_runtime.parameters import Range, Struct
+from node_runtime.parameters import Choice, Range, Struct
 
 GROUPS = ('car', 'actuators', 'outline')  # of the car, which no log tells
 UNTOLD = ('mass_kg', 'yaw_inertia_kgm2', 'cog_to_front_m', 'cog_to_rear_m')  # nor does a car file
@@ -84,9 +84,7 @@ def load(path: Path) -> LogMap:
         raise BagError(str(error)) from None
     for name, units in UNITS.items():
         signal = getattr(columns.signals, name)
-        if signal.column and signal.unit not in units:
-            what = (
-                f'is {signal.unit!r}{closest(signal.unit, units)}' if signal.unit else 'is missing'
-            )
-            raise BagError(f'{path}: signals.{name}.unit: {what}; allowed {" or ".join(units)}')
+        fault = Leaf(str, False, Choice(*units)).fault(signal.unit or EMPTY)
+        if signal.column and fault:
+            raise BagError(f'{path}: signals.{name}.unit: {fault}')
     return LogMap(columns, car)

@@ -61,12 +61,9 @@ class Judged(NamedTuple):
 
 def fitted_car(car: CarParams, fit: Fit) -> CarParams:
     """Return the car with the tyres and the CoG of a fit."""
-    moved = fit.values['cog_to_front_m']
-    body = replace(
-        car.car,
-        cog_to_front_m=car.car.cog_to_front_m + moved,
-        cog_to_rear_m=car.car.cog_to_rear_m - moved,
-    )
+    body, moved = car.car, fit.values['cog_to_front_m']
+    front, rear = body.cog_to_front_m + moved, body.cog_to_rear_m - moved
+    body = replace(body, cog_to_front_m=front, cog_to_rear_m=rear)
     tyre = {name: fit.values[name] for name in type(car.tyre).__dataclass_fields__}
     return replace(car, car=body, tyre=replace(car.tyre, **tyre))
 

@@ -52,7 +52,6 @@ class Kind(NamedTuple):
     relative: bool = True  # its interval is judged relative to its value
 
 
-STIFFNESSES = ('front_cornering_npr', 'rear_cornering_npr')
 KINDS = {
     'front_cornering_npr': Kind(1e4, 8e5, 1e5, 15.0, 'N/rad', 'cornering stiffness, front axle'),
     'rear_cornering_npr': Kind(1e4, 8e5, 1e5, 15.0, 'N/rad', 'cornering stiffness, rear axle'),
@@ -262,7 +261,7 @@ def fit(
     names = [name for name in chosen if name not in fixed]
     low, high, scale, start = (np.array([KINDS[n][k] for n in names]) for k in range(4))
     problem = _Problem(car, windows, names, fixed, scale)
-    stiff = np.isin(names, STIFFNESSES)
+    stiff = np.array([name.endswith('cornering_npr') for name in names])
     start[stiff] = start[stiff] * car.car.mass_kg * GRAVITY / 2
     start = np.clip(start, low * 1.001, high * 0.999)
     states = [x[0] / size for x, size in zip((windows.vy, windows.r), SCALES)]

@@ -119,7 +119,7 @@ def test_a_log_that_tells_nothing_is_an_error(tmp_path, change, error):
         ('unit: deg}}', 'unit: degrees}}', 'signals.steer.unit: is'),
         ('mass_kg: 1850, ', '', 'car.mass_kg: is missing; allowed 100 to'),
         ('steering_ratio: 16', 'steering_ratio: 900', 'steering_ratio: is 900'),
-        ('YawRate, unit: deg/s, ', 'YawRate, ', 'signals.yaw_rate.unit: is missing'),
+        ('YawRate, unit: deg/s, ', 'YawRate, ', 'yaw_rate.unit: has no value; allowed rad/s or'),
         ('{like}', 'like: nobody.yaml\n', 'has no file config/nobody.yaml'),
     ],
 )

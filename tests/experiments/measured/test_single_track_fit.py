@@ -140,7 +140,7 @@ def test_recordings_of_ours_are_logs_too(tmp_path):
     [
         (['--fix', 'frictoin=0.9'], 'unknown parameter'),
         (['--fix', 'front_friction=9'], 'allowed 0.2 to 2.5'),
-        (['--fix', 'front_friction=x'], "'x' is no number"),
+        (['--fix', 'front_friction=x'], "must be a number, is 'x'; allowed 0.2 to 2.5"),
     ],
 )
 def test_a_mistake_on_the_command_line_is_named(tmp_path, capsys, words, error):
