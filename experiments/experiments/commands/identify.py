@@ -46,12 +46,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Fit and write; return 0. Raises BagError."""
-    # imported late: scipy and matplotlib take a second to load
     from experiments import console
-    from experiments.measured import log_map, measured_log, report, single_track_fit
+    from experiments.measured import log_map
 
     shown = console.wide(FILE_WIDTH)
     known = log_map.load(options.map)
+    # a mistake in the map is told before scipy, CasADi and matplotlib are loaded
+    from experiments.measured import measured_log, report, single_track_fit
+
     logs = [measured_log.load(path, known) for path in options.logs]
     held_out = [measured_log.load(path, known) for path in options.held_out]
     for log in (*logs, *held_out):

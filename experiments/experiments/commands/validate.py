@@ -31,9 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compare, show and write; return 0. Raises BagError."""
-    # imported late: scipy and matplotlib take a second to load
     from experiments import console
-    from experiments.measured import log_map, measured_log, report, validation
+    from experiments.measured import log_map
     from mpcc_controller import car_file
     from node_runtime import node_parameters
     from vehicle_plant import parameters
@@ -41,6 +40,9 @@ def run(options: argparse.Namespace) -> int:
     shown = console.wide(FILE_WIDTH)
     known = log_map.load(options.map)
     car = car_file.read(options.car)
+    # a mistake in map or car file is told before scipy, CasADi and matplotlib are loaded
+    from experiments.measured import measured_log, report, validation
+
     path = node_parameters.find_config('mpcc_controller', options.car)
     try:
         fit = report.read_fit(path)
