@@ -21,7 +21,9 @@ from scenario_publisher.schema import KeyedError
 
 FRONT = 2.5  # m from the centre of gravity to the front of a car
 MARGIN = 0.5  # m that it leaves to who comes out
-STEP = 0.2  # m across the path between hidden places; CAR_RADIUS is that much wider than a car
+PERSON = 0.3  # m, radius of who comes out
+ACCELERATION = 2.0  # m/s^2 behind: controllers do not follow a short dip of the desired speed
+STEP = 0.2  # m across the path between places; CAR_RADIUS is nearly so much wider than a car
 
 
 class Sight(NamedTuple):
@@ -91,13 +93,19 @@ def _emerging_bound(sight, fastest, discs):
     """
     path, b = sight.path, sight.deceleration
     reach = FRONT + MARGIN + fastest * sight.reaction + fastest**2 / (2.0 * b)
+    beside = CAR_RADIUS + PERSON
     # from farther aside nobody is in time
-    aside = CAR_RADIUS + sight.emerging * (sight.reaction + fastest / (2.0 * b))
-    offset = np.arange(CAR_RADIUS, aside, STEP)
-    offset = np.concatenate([-offset, [0.0], offset])
-    t = np.maximum(np.abs(offset) - CAR_RADIUS, 0.0) / sight.emerging
+    aside = beside + sight.emerging * (sight.reaction + fastest / (2.0 * b))
+    offset = np.arange(0.0, aside, STEP)
+    t = np.maximum(offset - beside, 0.0) / sight.emerging
     past = 2.0 * b * np.maximum(t - sight.reaction, 0.0)
-    X, Y = lines.offset_point(Frame(*(c[:, None] for c in (path.X, path.Y, path.psi))), offset)
+    frame = Frame(path.X[:, None], path.Y[:, None], path.psi[:, None])
+    X, Y = lines.offset_point(frame, np.array([-1.0, 1.0])[:, None, None] * offset)
+    taken = np.zeros(X.shape, dtype=bool)
+    for cX, cY, radius in discs:
+        taken |= np.hypot(X - cX, Y - cY) < radius + PERSON
+    # who is behind an obstacle, seen from the path, has to come out in front of it
+    can_come = ~np.logical_or.accumulate(taken, axis=-1)
     bound = np.full(len(path.s), np.inf)
     for i, here in enumerate(path.s):
         car = path.X[i], path.Y[i]
@@ -105,11 +113,11 @@ def _emerging_bound(sight, fastest, discs):
         rows = slice(*np.searchsorted(path.s, [here + FRONT, here + reach]))
         if len(near) and rows.start < rows.stop:
             gap = np.maximum(path.s[rows] - here - FRONT - MARGIN, 0.0)
-            stop = stopping_speed(gap, sight.reaction, b)
-            allowed = np.maximum(stop[:, None], past)
-            hidden = hidden_places(car, X[rows], Y[rows], near)
-            bound[i] = np.min(allowed, where=hidden, initial=np.inf)
-    return np.maximum(bound, SPEED.low)
+            allowed = np.maximum(stopping_speed(gap, sight.reaction, b)[:, None], past)
+            hidden = can_come[:, rows] & hidden_places(car, X[:, rows], Y[:, rows], near)
+            bound[i] = np.min(np.broadcast_to(allowed, hidden.shape), where=hidden, initial=np.inf)
+    gain = 2.0 * ACCELERATION * path.s
+    return np.sqrt(np.minimum.accumulate(np.maximum(bound, SPEED.low) ** 2 - gain) + gain)
 
 
 def hidden_places(
@@ -119,16 +127,14 @@ def hidden_places(
 
     A disc at c hides p, both from the car at (X, Y), where the angle between them is at most that
     of the tangents, whose length is l: p c >= |p| l, and p is farther than l. A disc around the car
-    hides nothing, and in a disc is no place.
+    hides nothing.
     """
-    X, Y = X[..., None], Y[..., None]
-    dX, dY = X - car[0], Y - car[1]
-    cX, cY, radius = discs[:, 0] - car[0], discs[:, 1] - car[1], discs[:, 2]
-    square = cX**2 + cY**2 - radius**2
+    dX, dY = X[..., None] - car[0], Y[..., None] - car[1]
+    cX, cY = discs[:, 0] - car[0], discs[:, 1] - car[1]
+    square = cX**2 + cY**2 - discs[:, 2] ** 2
     distance, tangent = np.hypot(dX, dY), np.sqrt(np.maximum(square, 0.0))
     behind = (dX * cX + dY * cY >= distance * tangent) & (distance > tangent)
-    taken = np.hypot(X - discs[:, 0], Y - discs[:, 1]) < radius
-    return np.any(behind & (square > 0.0), axis=-1) & ~np.any(taken, axis=-1)
+    return np.any(behind & (square > 0.0), axis=-1)
 
 
 def seen(
@@ -151,7 +157,7 @@ def seen(
 
 
 def is_hidden(car: tuple[float, float], obstacle: Obstacle, present: Iterable[Obstacle]) -> bool:
-    """Return whether the others of `present` hide every disc of an obstacle from a car at (X, Y)."""
+    """Return whether others of `present` hide every disc of an obstacle from a car at (X, Y)."""
     discs = _rows([disc for o in present if o.id != obstacle.id for disc in o.discs()])
     return all(_is_disc_hidden(car, disc, discs) for disc in _rows(obstacle.discs()))
 
@@ -165,14 +171,14 @@ def _is_disc_hidden(car, disc, others):
     (cX, cY), radius = disc[:2] - car, disc[2]
     oX, oY = (others[:, :2] - car).T
     own, theirs = cX**2 + cY**2 - radius**2, oX**2 + oY**2 - others[:, 2] ** 2
-    nearer = (0.0 < theirs) & (theirs < own)
+    nearer = (theirs > 0.0) & (theirs < own)
     turn = np.arctan2(cX * oY - cY * oX, cX * oX + cY * oY)[nearer]
     half = np.arcsin(others[nearer, 2] / np.hypot(oX, oY)[nearer])
     end = np.arctan2(radius, np.sqrt(max(own, 0.0)))
     covered = -end
     for low, high in sorted(zip(turn - half, turn + half)):
         if low > covered:
-            return False
+            break
         covered = max(covered, high)
     return bool(covered >= end)
 

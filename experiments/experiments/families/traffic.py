@@ -32,6 +32,7 @@ from experiments.families.scenario_document import (
     straight,
     waypoint,
 )
+from msgs_yaml.types import Obstacle
 from scenario_publisher import scenario, sight
 from scenario_publisher.schema import ALONG_ROAD
 
@@ -266,9 +267,10 @@ def unforeseen_pedestrian(random: Random, hard: bool) -> Document | None:
 
 
 def _behind_van(random, hard, emerging):
-    """Return who would be in the way when a car at the desired speed is there, and is hidden."""
+    """Return who is hidden at first, and in the way when a car at the desired speed is there."""
     speed, at = random.uniform(8.0, 15.0), random.uniform(-1.0, 0.5)
     beside = random.uniform(*((0.4, 1.0) if hard else (0.6, 1.5)))  # m between van and car
+    left = random.uniform(1.8, 2.6)  # m, of the edge: there is little room to move aside
     walks = random.uniform(*((1.5, 3.0) if hard else (1.0, EMERGING_MPS)))
     x, offset = speed * random.uniform(4.5, 6.0), -beside - feasibility.CAR_WIDTH / 2 - VAN_RADIUS
     there = x + VAN_DISCS[0] + VAN_RADIUS + PERSON_RADIUS + random.uniform(0.2, 1.0)
@@ -280,6 +282,7 @@ def _behind_van(random, hard, emerging):
             length=finish(there, speed),
             speed=speed,
             obstacles=[disc(x, offset, VAN_RADIUS, discs_m=VAN_DISCS), *people],
+            left=left,
             extra_s=15.0,
         )
         return parts | {'sight': {'hidden_by_obstacles': True, 'emerging_mps': emerging}}
@@ -287,6 +290,13 @@ def _behind_van(random, hard, emerging):
     path = scenario.parse(yaml.safe_dump(road()), 'van.yaml').reference
     arrives_s = float(np.interp(there - feasibility.CAR_NOSE, path.X, path.t))
     begins_s = rounded(arrives_s - (at - offset) / walks)
+    first, *others = VAN_DISCS
+    spread = tuple((ahead - first, 0.0) for ahead in others)
+    parked = Obstacle(1, x + first, offset, VAN_RADIUS, 0.0, 0.0, spread)
+    person = Obstacle(2, there, offset, PERSON_RADIUS, 0.0, 0.0)
+    car_there = float(np.interp(begins_s, path.t, path.X)), 0.0
+    if not sight.is_hidden(car_there, person, (parked,)):
+        return None
     walker = disc(there, offset, PERSON_RADIUS, across_mps=walks, appears_at_s=begins_s)
     return either_side(random, road(walker))
 
