@@ -89,6 +89,11 @@ def is_present(actor: Actor, t: float) -> bool:
     return actor.appears <= t < actor.disappears
 
 
+def stays(actor: Actor) -> bool:
+    """Return whether an obstacle stands at its place from the start of a run to its end."""
+    return not (_fastest(actor) or actor.appears) and bool(np.isinf(actor.disappears))
+
+
 def obstacle_at(actor: Actor, t: float) -> Obstacle:
     """Return an obstacle at its position, t [s] after the start, with that of its first disc."""
     first, *others = (disc_at(disc, t) for disc in actor.discs)
@@ -119,7 +124,12 @@ def positions(actor: Actor, until: float, step: float) -> tuple[np.ndarray, np.n
 
     Two neighbours are at most `step` [m] apart.
     """
-    o, duration = actor.obstacle, until - actor.appears
-    fastest = np.hypot(o.vX, o.vY) if actor.track is None else actor.track.fastest
-    count = int(np.ceil(fastest * duration / step))
+    duration = until - actor.appears
+    count = int(np.ceil(_fastest(actor) * duration / step))
     return expected(actor, actor.appears, np.linspace(0.0, duration, count + 1))
+
+
+def _fastest(actor):
+    """Return the highest speed [m/s]."""
+    o = actor.obstacle
+    return float(np.hypot(o.vX, o.vY)) if actor.track is None else actor.track.fastest

@@ -254,10 +254,10 @@ def _build(file, text):
             given += [(f'speed.speeds_mps[{i}]', mps) for i, mps in enumerate(rows[1])]
             speed = road_geometry.build_table(*rows, 'speed', 'speeds_mps')
         view = sight.build(file.sight, path)
-        speed = speed if view is None else sight.bound_speed(view, speed)
     with _checking(OBSTACLES):
         crowd = actors.place_actors(file.obstacles, road.centre)
         plausibility.check_obstacles_touch_road(crowd, road, file.stop.time_s)
+    speed = speed if view is None else sight.bound_speed(view, speed, crowd)
     with _checking(FINISH):
         start = _start(file.start, path, speed)
         plausibility.check_stop_is_ahead(path, file.stop, start)

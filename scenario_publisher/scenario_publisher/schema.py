@@ -284,15 +284,19 @@ class Stop(Struct):
 
 
 class Sight(Struct):
-    """How far ahead of the car obstacles are seen; those beyond are not published."""
+    """Which obstacles are seen from the car; others are not published."""
 
-    stations_m: tuple[Station, ...]  # of the path, increasing
+    stations_m: tuple[Station, ...] = (0.0,)  # of the path, increasing
     # at each, along the path from the car; linear between stations
-    ranges_m: tuple[SightRange, ...]
+    ranges_m: tuple[SightRange, ...] = (20000.0,)
     # the desired speed is bounded so that the car can stop within the whole range, or half of it
     stop_within: Literal['whole', 'half'] = 'whole'
     reaction_s: Reaction = 0.5  # until the brakes act
     deceleration_mps2: Deceleration = 5.0
+    hidden_by_obstacles: bool = False  # whether an obstacle hides others behind it
+    # the desired speed is bounded so that the car can stop for who comes out from behind a standing
+    # obstacle at so much, or is past before; 0: nobody does
+    emerging_mps: ActorSpeed = 0.0
 
 
 class Sampling(Struct):
@@ -318,6 +322,6 @@ class File(Struct):
     sampling: Sampling = Sampling()
     friction_patches: tuple[FrictionPatch, ...] = ()  # places with another friction, 0 to 16
     expect: Expectations = NOTHING_EXPECTED  # metrics with bounds: what a run is to come to
-    sight: Sight | None = None  # where a crest or a truck hides what is behind it
+    sight: Sight | None = None  # where a crest or an obstacle hides what is behind it
     # exact: where the obstacles will be is published, too
     predictions: Predictions = 'none'

@@ -60,10 +60,11 @@ def test_through_the_nodes_and_in_a_simulation_the_bits_are_the_same(name, setti
 
 
 def test_predictions_and_sight_are_the_same_through_the_nodes_and_in_a_replay(tmp_path):
-    """The slow vehicle, 60 m ahead of the car at the start, is seen later."""
-    road = tmp_path / 'road.yaml'
-    view = 'sight: {stations_m: [0.0, 5.0, 30.0], ranges_m: [20.0, 20.0, 90.0]}'
-    road.write_text(f'{scenario.load("moving_obstacle").text}\npredictions: exact\n{view}\n')
+    """The slow vehicle, 60 m ahead at the start, is seen later, and at first hides the walker."""
+    road, text = tmp_path / 'road.yaml', scenario.load('moving_obstacle').text
+    text = text.replace('x_m: 170.0', 'x_m: 110.0').replace('at_s: 5.0', 'at_s: 3.5')
+    view = 'stations_m: [0.0, 5.0, 30.0], ranges_m: [20.0, 20.0, 90.0], hidden_by_obstacles: true'
+    road.write_text(f'{text}\npredictions: exact\nsight: {{{view}}}\n')
     ring = NodeRing(tmp_path, 'lockstep', str(road))
     note_run(ring.configured, tmp_path, str(road))
     with ring:
@@ -74,6 +75,7 @@ def test_predictions_and_sight_are_the_same_through_the_nodes_and_in_a_replay(tm
     assert_equal_tables(computed, columns)
     seen = [{o.id for o in obstacles.items} for obstacles in columns['/scenario/obstacles'].values]
     assert [seen[0], max(seen, key=len)] == [set(), {1, 2}]
+    assert 72 < seen.index({1, 2}) < 90  # 3.5 s are 70 ticks
     for one, other in zip(computed[PREDICTIONS].values, columns[PREDICTIONS].values, strict=True):
         assert [*one.by_id] == [*other.by_id]
         for (a,), (b,) in zip(one.by_id.values(), other.by_id.values()):

@@ -1,11 +1,15 @@
 """What is seen of a scenario, the speed that allows, and predictions that are exact."""
 
+import math
+
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from msgs_yaml.types import Obstacle
 from scenario_publisher import scenario, sight
+from scenario_publisher.plausibility import CAR_RADIUS
 from scenario_publisher.schema import ScenarioError
 
 START_NS = scenario.START_NS
@@ -134,9 +138,181 @@ def test_the_exact_prediction_is_where_the_obstacles_then_are(t):
         ('[0.0, 80.0, 81.0]', '[0.0, 80.0, 80.0]', r'sight.stations_m\[2\]: is not larger than'),
         ('[105.0, 25.0, 400.0]', '[105.0, 0.5, 400.0]', 'allowed 1 to 20000 m'),
         ('STOP}', ', stop_within: all}', 'allowed whole or half'),
+        ('STOP}', ', emerging_mps: 2.0}', 'is 2, but without hidden_by_obstacles nobody is hidden'),
         ('predictions: exact', 'predictions: true', 'allowed none or exact'),
     ],
 )
 def test_a_mistake_is_named(old, new, error):
     with pytest.raises(ScenarioError, match=error):
         scenario.parse(ROAD.replace(old, new).replace('STOP', ''), 'crest.yaml')
+
+
+def discs(least, most):
+    """Discs around a car at the origin: direction, distance of the nearest point, radius."""
+    one = st.tuples(st.floats(-math.pi, math.pi), st.floats(0.1, 40.0), st.floats(0.2, 4.0))
+    return st.lists(one, min_size=least, max_size=most)
+
+
+def as_obstacles(polar):
+    return [
+        Obstacle(i, (gap + r) * math.cos(phi), (gap + r) * math.sin(phi), r, 0.0, 0.0)
+        for i, (phi, gap, r) in enumerate(polar)
+    ]
+
+
+def first_hit(obstacles, phi):
+    """Return which obstacle a ray from the origin meets first, None for none."""
+    met = []
+    for o in obstacles:
+        along = o.X * math.cos(phi) + o.Y * math.sin(phi)
+        across = o.Y * math.cos(phi) - o.X * math.sin(phi)
+        if along > 0.0 and abs(across) < o.r_obs:
+            met.append((along - math.sqrt(o.r_obs**2 - across**2), o.id))
+    return min(met)[1] if met else None
+
+
+@settings(max_examples=100)
+@given(discs(2, 7))
+def test_an_obstacle_is_hidden_where_every_ray_to_it_meets_another_one_first(polar):
+    obstacles = as_obstacles(polar)
+    for k, o in enumerate(obstacles):
+        gaps = (math.hypot(o.X - b.X, o.Y - b.Y) - o.r_obs - b.r_obs for b in obstacles[:k])
+        assume(all(gap > 1e-6 for gap in gaps))
+    # what a ray meets changes where it touches a disc: one ray between each two of these
+    half = [math.asin(o.r_obs / math.hypot(o.X, o.Y)) for o in obstacles]
+    turns = [phi + side * h for (phi, *_), h in zip(polar, half) for side in (-1.0, 1.0)]
+    turns = sorted(math.remainder(turn, math.tau) for turn in turns)
+    assume(min(np.diff(turns)) > 1e-6)
+    rays = [(a + b) / 2 for a, b in zip(turns, [*turns[1:], turns[0] + math.tau])]
+    met = {first_hit(obstacles, phi) for phi in rays}
+    shown = {o.id for o in obstacles if not sight.is_hidden((0.0, 0.0), o, obstacles)}
+    assert shown == met - {None}
+
+
+@settings(max_examples=100)
+@given(discs(1, 4), st.floats(-30.0, 30.0), st.floats(-30.0, 30.0))
+def test_a_place_is_hidden_where_the_way_to_it_meets_a_disc_before(polar, x, y):
+    assume(math.hypot(x, y) > 0.1)
+    rows = np.array([(o.X, o.Y, o.r_obs) for o in as_obstacles(polar)])
+    share = np.clip((rows[:, 0] * x + rows[:, 1] * y) / (x**2 + y**2), 0.0, 1.0)
+    beside = np.hypot(rows[:, 0] - share * x, rows[:, 1] - share * y) - rows[:, 2]
+    from_it = np.hypot(rows[:, 0] - x, rows[:, 1] - y) - rows[:, 2]
+    assume(np.abs(beside).min() > 1e-6 and from_it.min() > 0.0)
+    hidden = sight.hidden_places((0.0, 0.0), np.array([x]), np.array([y]), rows)
+    assert [*hidden] == [min(beside) < 0.0]
+
+
+VAN = """
+schema: 1
+name: van
+description: A van is parked beside the path.
+road:
+  centre_line:
+    start: {x_m: -20.0, y_m: 0.0, yaw_rad: 0.0}
+    segments: [straight: {length_m: 130.0}]
+  edges: {left: {offset_m: 6.0}, right: {offset_m: -2.5}}
+path:
+  start: {x_m: 0.0, y_m: 0.0, yaw_rad: 0.0}
+  segments: [straight: {length_m: 100.0}]
+speed: {constant_mps: 12.0}
+friction: 1.0
+start: {progress_m: 0.0}
+stop: {progress_m: 75.0, time_s: 60.0}
+obstacles:
+  - {x_m: 50.0, y_m: VAN_Y, radius_m: 1.0, discs_m: [-1.5, -0.5, 0.5, 1.5]VAN}
+  - {x_m: 53.5, y_m: -2.9, radius_m: 0.35, vy_mps: 1.0}
+  - {x_m: 75.0, y_m: 1.0, radius_m: 1.0, discs_m: [-1.3, 1.3], appears_at_s: 1.0}
+sight: {hidden_by_obstacles: true, emerging_mps: EMERGING}
+"""
+
+
+def behind_van(emerging=0.0, beside=1.0, van=''):
+    y = -0.93 - beside - 1.0
+    text = VAN.replace('VAN_Y', f'{y}').replace('VAN', van).replace('EMERGING', f'{emerging}')
+    return scenario.parse(text, 'van.yaml')
+
+
+def test_who_is_behind_a_van_is_published_once_something_of_him_is_seen():
+    scn = behind_van()
+    assert [o.id for o in scn.obstacles.items] == [1]
+
+    def ids(t, x, y=0.0):
+        return [o.id for o in scenario.obstacles_at(scn, t, 7, (x, y)).items]
+
+    # he walks: the line to his nearer side leaves the van behind at y = -2.1 or so
+    assert [2 in ids(t, 30.0) for t in (0.0, 0.3, 0.7, 1.5)] == [False, False, True, True]
+    assert [2 in ids(0.0, x) for x in (45.0, 52.0, 60.0)] == [False, True, True]
+    assert 2 in ids(0.0, 30.0, 25.0)  # from the other side of the road
+    assert ids(1.2, 30.0) == [1, 2, 3]
+    everything = scenario.obstacles_at(scn, 0.0, 7)
+    assert [o.id for o in everything.items] == [1, 2]  # those who see all are not concerned
+
+
+def test_an_object_is_seen_as_a_whole_when_one_of_its_discs_is():
+    wall = Obstacle(1, 20.0, 0.0, 1.0, 0.0, 0.0)
+    short = Obstacle(2, 40.0, 0.0, 0.5, 0.0, 0.0, ((0.0, 1.0),))
+    long = short._replace(id=3, others=((0.0, 1.0), (0.0, 2.0)))
+    both = wall, short, long
+    assert sight.is_hidden((0.0, 0.0), short, both)
+    assert not sight.is_hidden((0.0, 0.0), long, both)
+    assert not sight.is_hidden((0.0, 0.0), wall, both)
+
+
+def speeds(scn):
+    """Return stations (n,) and desired speeds (n,) in the middle of each piece of the path."""
+    ref = scn.reference
+    ds = np.diff(ref.X)
+    return ref.X[:-1] + ds / 2, ds / np.diff(ref.t)
+
+
+@pytest.mark.parametrize('emerging', [1.0, 2.0, 5.0])
+@pytest.mark.parametrize('beside', [0.5, 1.2])
+def test_who_comes_out_faster_or_from_nearer_makes_the_car_slower(emerging, beside):
+    v = speeds(behind_van(emerging, beside))[1]
+    faster = speeds(behind_van(1.3 * emerging, beside))[1]
+    nearer = speeds(behind_van(emerging, beside - 0.2))[1]
+    assert np.all(faster <= v + 1e-9)
+    assert np.all(nearer <= v + 0.2)  # of round corners another part is hidden
+    assert np.mean(speeds(behind_van(emerging / 4, 1.5))[1]) > np.mean(v) + 0.2
+
+
+@settings(max_examples=6)
+@given(st.floats(0.7, 4.0), st.floats(0.5, 1.5))
+def test_a_car_at_the_desired_speed_stops_for_who_was_hidden_or_is_past(emerging, beside):
+    """They begin to walk when it is at x; it brakes 0.5 s later with 5 m/s^2."""
+    scn = behind_van(emerging, beside)
+    van = [(disc.obstacle.X, disc.obstacle.Y, 1.0) for disc in scn.actors[0].discs]
+    t = np.arange(0.0, 6.0, 1e-3)
+    stations, desired = speeds(scn)
+    for x in (20.2, 30.7, 36.1, 41.3, 44.9, 47.2, 48.6, 49.9, 51.2):
+        front = x + sight.FRONT
+        there, y = np.meshgrid(np.arange(front, front + 25.0, 0.1), np.arange(-9.0, -1.2, 0.05))
+        hidden = sight.hidden_places((x, 0.0), there, y, np.array(van))
+        for a, b, _ in van:  # who stands behind the van cannot walk through it
+            aside = np.where((y <= b), np.abs(there - a), np.hypot(there - a, y - b))
+            hidden &= aside > 1.0 + sight.PERSON
+        speed = float(np.interp(x, stations, desired))
+        v = np.maximum(speed - 5.0 * np.maximum(t - 0.5, 0.0), 0.0)
+        way = front + np.cumsum(v) * 1e-3
+        arrives = (-y - sight.PERSON - CAR_RADIUS) / emerging
+        # what is between two places, across and along the path
+        is_past = np.interp(there, way, t, right=np.inf) <= arrives + sight.STEP / emerging
+        stops = way[-1] < there + sight.MARGIN + 0.5
+        assert np.all(~hidden | is_past | stops)
+
+
+def test_only_what_stands_all_the_time_bounds_the_speed():
+    bounded = speeds(behind_van(2.0))[1]
+    assert bounded.min() < 3.0
+    for unsteady in (', vx_mps: 0.1', ', appears_at_s: 1.0', ', disappears_at_s: 50.0'):
+        assert np.allclose(speeds(behind_van(2.0, van=unsteady))[1], 12.0)
+    assert np.allclose(speeds(behind_van(0.0))[1], 12.0)
+
+
+def test_the_desired_speed_falls_no_faster_than_it_says_and_rises_slowly():
+    s, v = speeds(behind_van(2.0))
+    a = np.diff(v**2) / (2 * np.diff(s))
+    assert -5.1 < np.min(a) < -3.0
+    # behind it does not drive on faster than a controller follows
+    assert np.max(a) == pytest.approx(sight.ACCELERATION, abs=0.05)
+    assert s[np.argmin(v)] == pytest.approx(50.0, abs=3.0)

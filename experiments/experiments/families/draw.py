@@ -66,6 +66,8 @@ TRAFFIC: Mapping[str, Family] = _by_name(
     traffic.roundabout_entry,
     traffic.motorway_merge,
     traffic.junction_crossing,
+    traffic.hidden_pedestrian,
+    traffic.unforeseen_pedestrian,
 )
 LIBRARY = MappingProxyType({**FAMILIES, **TRAFFIC})
 # those of the library, and tasks of the study of tuned controllers

@@ -1,4 +1,4 @@
-"""Other road users on roads that bend: they keep their lane, merge, cross or stand in the way.
+"""Other road users, mostly on roads that bend: they keep their lane, merge, cross, stand, hide.
 
 The road has a lane each way, and the coarse path is the middle of the own one. Who comes keeps its
 lane, so the car has nothing to avoid there: it has to stay in its own. Each function returns the
@@ -9,6 +9,7 @@ from random import Random
 from typing import NamedTuple
 
 import numpy as np
+import yaml
 
 from experiments.families import feasibility
 from experiments.families.scenario_document import (
@@ -31,7 +32,8 @@ from experiments.families.scenario_document import (
     straight,
     waypoint,
 )
-from scenario_publisher import sight
+from msgs_yaml.types import Obstacle
+from scenario_publisher import scenario, sight
 from scenario_publisher.schema import ALONG_ROAD
 
 FRICTION = 1.0
@@ -45,6 +47,9 @@ REACTION_S, BRAKING_MPS2 = 0.5, 5.0  # of a driver who drives by sight
 CAR_BACK = 2.4  # m from the middle of another car to its bumpers
 # a truck and its trailer: 2.55 m wide and 17 m long
 TRUCK_RADIUS, TRUCK_DISCS = 1.65, tuple(2.1 * (k - 3.5) for k in range(8))
+VAN_RADIUS, VAN_DISCS = 1.0, (1.7, 0.57, -0.57, -1.7)  # 2 m wide and 5.4 m long
+PERSON_RADIUS = 0.35  # m
+EMERGING_MPS = 2.0  # of who is taken to come out from behind a van
 
 
 class Road(NamedTuple):
@@ -249,6 +254,51 @@ def junction_crossing(random: Random, hard: bool) -> Document | None:
         speed=speed,
         obstacles=[disc(x, begin, CAR_RADIUS, discs_m=CAR_DISCS, **motion)],
     )
+
+
+def hidden_pedestrian(random: Random, hard: bool) -> Document | None:
+    """Return a pedestrian from behind a parked van, whom the desired speed foresees."""
+    return _behind_van(random, hard, EMERGING_MPS)
+
+
+def unforeseen_pedestrian(random: Random, hard: bool) -> Document | None:
+    """Return a pedestrian from behind a parked van, whom the desired speed does not foresee."""
+    return _behind_van(random, hard, 0.0)
+
+
+def _behind_van(random, hard, emerging):
+    """Return who is hidden at first, and in the way when a car at the desired speed is there."""
+    speed, at = random.uniform(8.0, 15.0), random.uniform(-1.0, 0.5)
+    beside = random.uniform(*((0.4, 1.0) if hard else (0.6, 1.5)))  # m between van and car
+    left = random.uniform(1.8, 2.6)  # m, of the edge: there is little room to move aside
+    walks = random.uniform(*((1.5, 3.0) if hard else (1.0, EMERGING_MPS)))
+    x, offset = speed * random.uniform(4.5, 6.0), -beside - feasibility.CAR_WIDTH / 2 - VAN_RADIUS
+    there = x + VAN_DISCS[0] + VAN_RADIUS + PERSON_RADIUS + random.uniform(0.2, 1.0)
+
+    def road(*people):
+        parts = document(
+            description=f'A pedestrian comes out at {walks:.1f} m/s from behind a parked van, '
+            f'{beside:.1f} m beside the car; {speed:.1f} m/s.',
+            length=finish(there, speed),
+            speed=speed,
+            obstacles=[disc(x, offset, VAN_RADIUS, discs_m=VAN_DISCS), *people],
+            left=left,
+            extra_s=15.0,
+        )
+        return parts | {'sight': {'hidden_by_obstacles': True, 'emerging_mps': emerging}}
+
+    path = scenario.parse(yaml.safe_dump(road()), 'van.yaml').reference
+    arrives_s = float(np.interp(there - feasibility.CAR_NOSE, path.X, path.t))
+    begins_s = rounded(arrives_s - (at - offset) / walks)
+    first, *others = VAN_DISCS
+    spread = tuple((ahead - first, 0.0) for ahead in others)
+    parked = Obstacle(1, x + first, offset, VAN_RADIUS, 0.0, 0.0, spread)
+    person = Obstacle(2, there, offset, PERSON_RADIUS, 0.0, 0.0)
+    car_there = float(np.interp(begins_s, path.t, path.X)), 0.0
+    if not sight.is_hidden(car_there, person, (parked,)):
+        return None
+    walker = disc(there, offset, PERSON_RADIUS, across_mps=walks, appears_at_s=begins_s)
+    return either_side(random, road(walker))
 
 
 def _road(random, bends=1, radii=RADII, shares=GRIP_SHARES, speeds=SPEEDS) -> Road:

@@ -53,6 +53,29 @@ def test_others_on_roads_that_bend_corner_within_the_friction(family):
     example()
 
 
+@pytest.mark.parametrize('family', ['hidden_pedestrian', 'unforeseen_pedestrian'])
+@pytest.mark.parametrize('index', range(3))
+def test_a_car_at_the_desired_speed_meets_who_was_hidden_behind_a_van(family, index):
+    scn = draw(family, 1, index).scenario()
+    ref, walker = scn.reference, scn.actors[1]
+
+    def at(t):
+        car = (float(np.interp(t, ref.t, ref.X)), 0.0)
+        (walks,) = scenario.obstacles_at(scn, t, 1).items[1:]
+        seen = walks.id in (o.id for o in scenario.obstacles_at(scn, t, 1, car).items)
+        return car[0], walks, seen
+
+    assert not at(walker.appears)[2]
+    arrives = np.interp(walker.obstacle.X - feasibility.CAR_NOSE, ref.X, ref.t)
+    x, walks, seen = at(float(arrives))
+    assert seen
+    assert x + feasibility.CAR_NOSE == pytest.approx(walks.X, abs=0.01)
+    assert abs(walks.Y) <= 1.0 < abs(walker.obstacle.Y)
+    least = np.min(np.diff(ref.X) / np.diff(ref.t))
+    cruise = scn.speeds[-1].speed
+    assert least < 0.7 * cruise if family == 'hidden_pedestrian' else least > 0.99 * cruise
+
+
 def test_a_draw_depends_on_its_family_seed_index_and_difficulty_alone():
     asked = list(itertools.product(LIBRARY, (1, 2), (0, 1), DIFFICULTIES))
     forwards = {arguments: draw(*arguments) for arguments in asked}
