@@ -117,7 +117,7 @@ def test_the_shipped_contract_names_every_topic_of_the_ring_and_what_others_deri
         'vehicle': 'odometry actuators imu wheels run_start',
         'sensors': 'inertial chassis gnss',
         'estimator': 'odometry',
-        'controller': 'command prediction why',
+        'controller': 'command stop_plan prediction why',
         'markers': 'vehicle safety prediction',
     }
     names = {f'/{node}/{name}' for node, ends in of_nodes.items() for name in ends.split()}
