@@ -75,8 +75,8 @@ def stop_plan(msg: Any) -> types.StopPlan:
     topic, joints = '/controller/stop_plan', contract.load().topics['/controller/command'].joints
     _check(topic, msg)
     if tuple(msg.joint_names) != joints:
-        told, allowed = (', '.join(names) for names in (msg.joint_names, joints))
-        raise DecodeError(f'{topic}: joint_names is {told}; allowed {allowed}')
+        given, allowed = (', '.join(names) for names in (msg.joint_names, joints))
+        raise DecodeError(f'{topic}: joint_names is {given}; allowed {allowed}')
     since_ns = [conversions.stamp_to_ns(point.time_from_start) for point in msg.points]
     for i, (before, after) in enumerate(pairwise([0, *since_ns])):
         if after <= before:
