@@ -41,6 +41,7 @@ ENCODE = {
     '/scenario/reference': encode.reference,
     '/scenario/road_edges': encode.road_edges,
     '/scenario/obstacles': encode.obstacles,
+    '/controller/stop_plan': encode.stop_plan,
     '/controller/prediction': encode.prediction,
     '/controller/why': encode.why,
 }
