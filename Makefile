@@ -125,9 +125,9 @@ budget:
 
 # the last lines of defence: every line and every branch of them is run by their own tests
 SAFE := */gate.py,*/fallback.py,*/braking.py,*/last_resort.py,*/recovery.py,$\
-  */parallel_solves.py,*/run_time_parameters.py,*/car_file.py,*/input_monitor.py,*/clocks.py,$\
+  */stop_plan.py,*/parallel_solves.py,*/run_time_parameters.py,*/car_file.py,*/input_monitor.py,*/clocks.py,$\
   */watchdog.py,*/vehicle_plant/health.py,*/vehicle_plant/stepping.py
-SAFE_TESTS := $(foreach name,gate fallback braking last_resort recovery parallel_solves watchdog,$\
+SAFE_TESTS := $(foreach name,gate fallback braking last_resort recovery stop_plan parallel_solves watchdog,$\
     tests/mpcc_controller/driving/test_$(name).py) \
   tests/mpcc_controller/test_run_time_parameters.py tests/mpcc_controller/model/test_car_file.py \
   $(foreach name,gate stepping,tests/vehicle_plant/test_$(name).py) \

@@ -28,6 +28,7 @@ def _constant():
         '/scenario/obstacles': encode.obstacles(
             types.Obstacles(START_NS, (types.Obstacle(1, 40.0, 1.5, 1.0, -5.0, 0.0),))
         ),
+        '/controller/stop_plan': encode.stop_plan(types.StopPlan(START_NS, t + 0.2, 0 * x, -x, -x)),
         '/controller/prediction': encode.prediction(types.Prediction(START_NS, x, 0 * x, 0 * x, t)),
         '/controller/why': encode.why(types.Why(START_NS, 0, '', {'rung': 'solved'} | values)),
         '/diagnostics': encode.health(types.Health(START_NS, 'plant', 0, 'drives', values)),

@@ -143,6 +143,12 @@ MEANINGS = {
         'y_m': Column('m', 'Y of the centre of gravity in the frame map'),
         'yaw_rad': Column('rad', 'yaw in the frame map'),
     },
+    '/controller/stop_plan': {
+        'ahead_s': Column('s', 'time after the stamp at which the set-points are due'),
+        'steer_rad': Column('rad', STEER),
+        'front_x_n': Column('N', 'longitudinal force at the front axle, braking negative'),
+        'rear_x_n': Column('N', 'longitudinal force at the rear axle, braking negative'),
+    },
     '/controller/why': {
         'level': Column('-', '0 OK, 1 WARN, 2 ERROR'),
         'message': Column('', 'one line of text'),
@@ -165,9 +171,11 @@ LEVELS = {
     '/scenario/road_edges': ('edge', 'point'),
     PREDICTIONS: ('id', 'branch', 'point'),
     '/controller/prediction': ('stage',),
+    '/controller/stop_plan': ('point',),
 }
-# fields of poses by column
-POSE = {'x_m': 'X', 'y_m': 'Y', 'yaw_rad': 'psi', 'passes_s': 't', 'ahead_s': 't'}
+# fields of poses and set-points by column
+FIELDS = {'x_m': 'X', 'y_m': 'Y', 'yaw_rad': 'psi', 'passes_s': 't', 'ahead_s': 't'}
+FIELDS |= {'steer_rad': 'delta', 'front_x_n': 'Fxf', 'rear_x_n': 'Fxr'}
 FRAMED = (*TOPICS, *MEANINGS)  # the topics that have a DataFrame
 
 
@@ -196,8 +204,9 @@ def frame_of(topic: str, table: Columns) -> 'pd.DataFrame':
             for line in _lines(topic, value)
         ]
         # a DataFrame per line would take ten times as long
+        last = LEVELS[topic][-1]  # has a value per point
         points = {
-            name: np.concatenate([np.broadcast_to(line[name], len(line['x_m'])) for line in lines])
+            name: np.concatenate([np.broadcast_to(line[name], len(line[last])) for line in lines])
             for name in lines[0]
         }
         return pandas.DataFrame(points).set_index([INDEX, *LEVELS[topic]])
@@ -241,8 +250,8 @@ def _lines(topic, value):
             yield levels | dict(zip(MEANINGS[topic], numbers))
         return
     (level,) = LEVELS[topic]
-    line = {level: np.arange(len(value.X))}
-    yield line | {name: getattr(value, POSE[name]) for name in MEANINGS[topic]}
+    line = {level: np.arange(len(value.t))}
+    yield line | {name: getattr(value, FIELDS[name]) for name in MEANINGS[topic]}
 
 
 def _row(topic, value):

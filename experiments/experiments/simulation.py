@@ -194,11 +194,13 @@ def run(
     """Simulate until the run ends and return the columns by topic, as `read.columns` of a bag.
 
     The same setup gives the same columns, except for the times of the solver. With `explain` false,
-    which saves a third of the time, no predictions are among them, and /controller/why has the
+    which saves a third of the time, no plans are among them, and /controller/why has the
     values alone that do not need the plan (`TickReporter.why`). A drive also ends after the first
     tick in whose state `give_up` is true.
     """
-    tracks, readings, obstacles, predictions, commands, reports, plans = ([] for _ in range(7))
+    tracks, readings, obstacles, predictions, commands, reports, plans, stops = (
+        [] for _ in range(8)
+    )
     for step in steps(setup):
         tracks.append(step.track)
         readings += step.readings
@@ -209,6 +211,8 @@ def run(
         if explain:
             plan = step.controller.reporter.prediction(step.record)
             plans.append(conversions.prediction_as_received(plan))
+            stop = step.controller.stop_plan(step.record)
+            stops += [conversions.stop_plan_as_received(stop)] if stop is not None else []
         if give_up(step.car.state):
             break
     values = {
@@ -221,6 +225,8 @@ def run(
         values['/scenario/predictions'] = predictions
     if explain:
         values['/controller/prediction'] = plans
+    if stops:
+        values['/controller/stop_plan'] = stops
     measured = {}
     if setup.sensors:
         measured = {topic: [r.value for r in readings if r.topic == topic] for topic in TOPICS}

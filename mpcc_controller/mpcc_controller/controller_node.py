@@ -78,6 +78,7 @@ class ControllerNode(ManagedNode):
         self.actuators_log = ChangeFilter()
 
         self.command_pub = ros.publisher(self, '/controller/command')
+        self.stop_plan_pub = ros.publisher(self, '/controller/stop_plan')
         self.prediction_pub = ros.publisher(self, '/controller/prediction')
         self.why_pub = ros.publisher(self, '/controller/why')
         self.health_pub = ros.publisher(self, '/diagnostics')
@@ -185,8 +186,11 @@ class ControllerNode(ManagedNode):
         try:
             x = self.inputs.decode_state()
             for record in self.controller.warm_up(x, self.params.warm_up.steps):
+                plan = self.controller.stop_plan(record)
                 prediction, why = self.controller.report(record)
                 ros.serialize(encode.command(record.command))
+                if plan is not None:
+                    ros.serialize(encode.stop_plan(plan))
                 ros.serialize(encode.prediction(prediction))
                 ros.serialize(encode.why(why))
             scheduling.freeze_garbage()
@@ -257,11 +261,14 @@ class ControllerNode(ManagedNode):
             self.get_logger().error(f'internal error, counted from now on: {line}')
 
     def explain(self, record):
-        """Publish why a command was chosen, and prepare the next step.
+        """Publish what is to follow a command and why it was chosen, and prepare the next step.
 
         The car needs the next command, too, whatever raises here.
         """
         try:
+            plan = self.controller.stop_plan(record)
+            if plan is not None:
+                self.stop_plan_pub.publish(encode.stop_plan(plan))
             prediction, why = self.controller.report(record)
             if len(prediction.X):
                 self.prediction_pub.publish(encode.prediction(prediction))

@@ -33,6 +33,7 @@ TYPES = (
     'sensor_msgs/msg/Imu',
     'sensor_msgs/msg/JointState',
     'sensor_msgs/msg/PointCloud2',
+    'trajectory_msgs/msg/JointTrajectory',
     'visualization_msgs/msg/MarkerArray',
 )
 # of topics that follow from others or are those of ROS; tf2_msgs is not everywhere

@@ -15,6 +15,7 @@ from msgs_yaml.types import (
     Prediction,
     Predictions,
     Reference,
+    StopPlan,
     VehicleState,
 )
 
@@ -123,6 +124,11 @@ def reference_as_received(x: Reference | Prediction) -> Reference | Prediction:
 
 
 prediction_as_received = reference_as_received
+
+
+def stop_plan_as_received(x: StopPlan) -> StopPlan:
+    """Return decode.stop_plan(encode.stop_plan(x))."""
+    return x._replace(t=np.round(x.t * NS_PER_S) / NS_PER_S)
 
 
 def predictions_as_received(x: Predictions) -> Predictions:

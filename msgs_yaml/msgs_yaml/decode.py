@@ -9,6 +9,7 @@ import math
 import struct
 from collections import Counter
 from functools import partial
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
@@ -67,6 +68,25 @@ def prediction(msg: Any) -> types.Prediction:
     """Return the plan of /controller/prediction."""
     stamp_ns, X, Y, psi, t = _path('/controller/prediction', msg)
     return types.Prediction(stamp_ns, X, Y, np.unwrap(psi), t)
+
+
+def stop_plan(msg: Any) -> types.StopPlan:
+    """Return the set-points of /controller/stop_plan; their times increase."""
+    topic, joints = '/controller/stop_plan', contract.load().topics['/controller/command'].joints
+    _check(topic, msg)
+    if tuple(msg.joint_names) != joints:
+        given, allowed = (', '.join(names) for names in (msg.joint_names, joints))
+        raise DecodeError(f'{topic}: joint_names is {given}; allowed {allowed}')
+    since_ns = [conversions.stamp_to_ns(point.time_from_start) for point in msg.points]
+    for i, (before, after) in enumerate(pairwise([0, *since_ns])):
+        if after <= before:
+            raise DecodeError(
+                f'{topic}: points[{i}].time_from_start is {conversions.ns_to_s(after):.9f} s; '
+                f'allowed above {conversions.ns_to_s(before):.9f} s, that of the point before it'
+            )
+    rows = [(p.positions[0], p.effort[1], p.effort[2]) for p in msg.points]
+    t = np.array(since_ns) / conversions.NS_PER_S
+    return types.StopPlan(conversions.stamp_to_ns(msg.header.stamp), t, *np.array(rows).T.copy())
 
 
 def road_edges(msg: Any) -> types.RoadEdges:

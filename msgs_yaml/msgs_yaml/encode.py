@@ -16,6 +16,7 @@ from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState, PointCloud2, PointField
 from std_msgs.msg import ColorRGBA, Header
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
 from msgs_yaml import contract, conversions, flat_fields, point_cloud, types
@@ -24,6 +25,7 @@ from msgs_yaml import contract, conversions, flat_fields, point_cloud, types
 _EDGE_WIDTH_M = 0.15
 _OBSTACLE_HEIGHT_M = 1.0
 _ARROW_M = (0.15, 0.35)  # shaft and head diameter
+_NOTHING = array('d', (0.0, 0.0, 0.0))
 _WHITE = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
 _RED = ColorRGBA(r=0.85, g=0.15, b=0.1, a=0.9)
 
@@ -62,6 +64,19 @@ def reference(x: types.Reference) -> Path:
 def prediction(x: types.Prediction) -> Path:
     """Return /controller/prediction."""
     return _path('/controller/prediction', x)
+
+
+def stop_plan(x: types.StopPlan) -> JointTrajectory:
+    """Return /controller/stop_plan."""
+    msg = JointTrajectory(header=_header('/controller/stop_plan', x.stamp_ns))
+    msg.joint_names = [*contract.load().topics['/controller/command'].joints]
+    for t, delta, Fxf, Fxr in zip(*(column.tolist() for column in x[1:])):
+        sec, nanosec = conversions.split_stamp(conversions.add_seconds(0, t))
+        point = JointTrajectoryPoint(positions=[delta, 0.0, 0.0], effort=[0.0, Fxf, Fxr])
+        point.velocities = point.accelerations = _NOTHING  # libraries differ in empty arrays
+        point.time_from_start = Duration(sec=sec, nanosec=nanosec)
+        msg.points.append(point)
+    return msg
 
 
 def road_edges(x: types.RoadEdges) -> MarkerArray:

@@ -118,6 +118,16 @@ class Command(NamedTuple):
     Fxr: float  # N, rear axle
 
 
+class StopPlan(NamedTuple):
+    """Set-points after those of a command, for n >= 1 instants: /controller/stop_plan."""
+
+    stamp_ns: int  # of the command
+    t: np.ndarray  # (n,) s after stamp_ns, increasing: when they are due
+    delta: np.ndarray  # (n,) rad, road-wheel angle
+    Fxf: np.ndarray  # (n,) N, front axle force at the contact patch, braking negative
+    Fxr: np.ndarray  # (n,) N, rear axle
+
+
 class Reference(NamedTuple):
     """The behaviour planner's coarse path, n >= 2 poses: /scenario/reference."""
 

@@ -41,6 +41,7 @@ ENCODE = {
     '/scenario/reference': encode.reference,
     '/scenario/road_edges': encode.road_edges,
     '/scenario/obstacles': encode.obstacles,
+    '/controller/stop_plan': encode.stop_plan,
     '/controller/prediction': encode.prediction,
     '/controller/why': encode.why,
 }
@@ -171,7 +172,8 @@ def contract_broken(columns):
 
 def messages(columns):
     for topic, encoded in ENCODE.items():
-        yield from ((topic, encoded(value)) for value in columns[topic].values)
+        sent = columns[topic].values if topic in columns else ()  # no plan, no stop plan
+        yield from ((topic, encoded(value)) for value in sent)
     for topic, (form, encoded) in ENCODE_ROWS.items():
         stamps, _, *fields = columns[topic]
         flat = np.column_stack(fields)

@@ -10,6 +10,7 @@ TELEMETRY = (
     '/vehicle/actuators',
     '/vehicle/imu',
     '/vehicle/wheels',
+    '/controller/stop_plan',
     '/controller/prediction',
     '/controller/why',
     '/diagnostics',

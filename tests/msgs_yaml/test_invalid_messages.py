@@ -118,6 +118,7 @@ PATH, EDGES, STATE = '/scenario/reference', '/scenario/road_edges', '/vehicle/od
 NAMES = 'steer, front_axle, rear_axle'
 NOW = Time(sec=1, nanosec=5)
 LATE = 'poses[2].header.stamp is 0.500000000 s after the first pose; allowed above 0.500000000 s'
+STOP, EARLY = '/controller/stop_plan', 'time_from_start is 0.100000000 s; allowed'
 MISTAKES = [
     (STATE, 'header.frame_id', 'odom', "header.frame_id is 'odom'; allowed 'map'"),
     (STATE, 'child_frame_id', 'foot', "child_frame_id is 'foot'; allowed 'base_link'"),
@@ -158,6 +159,13 @@ MISTAKES = [
     (EDGES, 'markers.0.action', Marker.DELETE, 'action is 2; allowed 0 (ADD)'),
     (EDGES, 'markers.0.header.stamp', NOW, 'markers have 2 stamps; allowed one for all'),
     (EDGES, 'markers.0.header.frame_id', 'odom', "header.frame_id is 'odom'; allowed 'map'"),
+    (STOP, 'joint_names', ['a', 'b', 'c'], f'joint_names is a, b, c; allowed {NAMES}'),
+    (STOP, 'joint_names', ['steer'], 'joint_names is 1 long; allowed 3 to 3 elements'),
+    (STOP, 'points', [], 'points is 0 long; allowed 1 to 1000 elements'),
+    (STOP, 'points.1.positions', [0.0], 'points[*].positions is 1 long; allowed 3 to 3'),
+    (STOP, 'points.1.effort', [0.0] * 4, 'points[*].effort is 4 long; allowed 3 to 3'),
+    (STOP, 'points.1.time_from_start.nanosec', 10**8, f'points[1].{EARLY} above 0.100000000 s'),
+    (STOP, 'points.0.time_from_start.nanosec', 0, 'points[0].time_from_start is 0.000000000 s'),
     ('/controller/why', 'status', [DiagnosticStatus()] * 2, 'status is 2 long; allowed 1 to 1'),
 ]  # fmt: skip
 

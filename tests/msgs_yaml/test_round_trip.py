@@ -83,6 +83,13 @@ def branches(draw):
     return types.Branch(0, draw(number(0.0, 0.2)), t, X, Y, L @ L.transpose(0, 2, 1))
 
 
+@st.composite
+def stop_plans(draw):
+    point = st.tuples(st.integers(1, 10**9), STEER, FORCE, FORCE)
+    steps, *joints = np.array(draw(st.lists(point, min_size=1, max_size=9))).T.copy()
+    return types.StopPlan(draw(STAMP), np.cumsum(steps) / 1e9, *joints)
+
+
 PREDICTIONS = '/scenario/predictions'
 BRANCHES = st.lists(branches(), min_size=1, max_size=4).map(tuple)
 FORMS = {
@@ -111,6 +118,7 @@ FORMS = {
     '/controller/command': st.builds(types.Command, STAMP, STEER, RATE, FORCE, FORCE),
     '/scenario/reference': paths(types.Reference, 2),
     '/controller/prediction': paths(types.Prediction, 1),
+    '/controller/stop_plan': stop_plans(),
     '/scenario/road_edges': st.builds(types.RoadEdges, STAMP, LINE, LINE),
     '/scenario/obstacles': st.builds(
         types.Obstacles,

@@ -99,7 +99,7 @@ def test_on_the_wall_clock_nodes_started_again_drive_on(highway, tmp_path, domai
         ear.wait_for_messages(WHY, drives)
         # a controller may start within the age that the plant allows its last command
         processes.kill(graph.running['controller'])
-        graph.wait_for('plant', 'no command comes, braking straight')
+        graph.wait_for('plant', 'no command comes, stopping along the last plan')
         graph.start('controller')
         graph.wait_for('controller', 'started from the actuators')
         graph.wait_for('plant', 'commands are back')

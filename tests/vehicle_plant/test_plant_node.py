@@ -23,7 +23,7 @@ from tyre_files import property_file
 from wait_until import wait_until
 
 from msgs_yaml import contract, conversions, decode, encode
-from msgs_yaml.types import Command, Reference
+from msgs_yaml.types import Command, Reference, StopPlan
 from node_runtime import ros
 from node_runtime.parameters import ParameterError
 from vehicle_plant import parameters as plant_parameters
@@ -234,6 +234,33 @@ def test_a_run_that_fails_has_its_exit_code(answered, settings, code, level):
         assert abs(controller.state(-1).vx) < 0.1
     else:
         assert controller.stamps('odometry')[-1] == START_NS + 10 * TICK_NS
+
+
+def test_a_silent_controller_is_replaced_by_the_plan_of_its_last_command():
+    pubs = []
+
+    def silent_later(stamp_ns):
+        t = 0.05 * np.arange(4, 40)
+        plan = StopPlan(stamp_ns, t, 0.05 + 0 * t, -2000 - 0 * t, -1000 - 0 * t)
+        if stamp_ns >= START_NS + 10 * TICK_NS:
+            return None
+        pubs[0].publish(encode.stop_plan(plan))
+        return encode.command(Command(stamp_ns, 0.0, 0.0, 0.0, 0.0))
+
+    def with_plans(controller):
+        pubs.append(ros.publisher(controller, '/controller/stop_plan'))
+
+    exit_code, controller = run(silent_later, before=with_plans, lockstep_timeout_s=1.0)
+    assert exit_code == 3
+    actuators = [
+        decode.actuators(ros.deserialize('/vehicle/actuators', raw))
+        for raw in controller.received['actuators']
+    ]
+    steered = [a.stamp_ns for a in actuators if a.delta > 0.04]
+    # the set-points of the plan hold from the 13th to the 48th tick; the servo lags by one
+    assert START_NS + 12 * TICK_NS < steered[0] < START_NS + 15 * TICK_NS
+    assert START_NS + 48 * TICK_NS < steered[-1] < START_NS + 52 * TICK_NS
+    assert abs(controller.state(-1).vx) < 0.1
 
 
 def test_a_late_controller_gets_the_first_state_again_and_answers_the_last_one():

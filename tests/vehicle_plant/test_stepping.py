@@ -8,7 +8,7 @@ from drives import ahead
 
 from msgs_yaml import encode
 from msgs_yaml.decode import DecodeError
-from msgs_yaml.types import Command, Reference
+from msgs_yaml.types import Command, Reference, StopPlan
 from node_runtime import ros
 from node_runtime.input_monitor import ERROR, OK, STALE, WARN
 from vehicle_plant import health, initial_state, parameters, plant_node
@@ -16,7 +16,14 @@ from vehicle_plant.health import HealthMonitor
 from vehicle_plant.parameters import StopParams
 from vehicle_plant.run_end import CONTROLLER_GONE, FAILED, FINISHED, RunEnd
 from vehicle_plant.simulator import START_NS, STEP_NS, TICK_NS, TICK_STEPS, Simulator
-from vehicle_plant.stepping import LockstepStepper, RealtimeStepper, StartHold
+from vehicle_plant.stepping import (
+    BRAKING,
+    FOLLOWING,
+    HOLDING,
+    LockstepStepper,
+    RealtimeStepper,
+    StartHold,
+)
 
 FAR = StopParams(
     x_m=1000.0, y_m=0.0, yaw_rad=0.0, armed_after_m=0.0, time_s=60.0, standstill_s=None
@@ -99,6 +106,70 @@ def test_silent_controller_is_held_for_two_ticks_then_braked_straight(params):
     assert not loop.is_due(loop.car.stamp_ns)
 
 
+def plan_after(stamp_ns, delta=0.05, ticks=20):
+    """Return a plan that steers and brakes from the fourth tick after a command on."""
+    t = 0.05 * np.arange(4, 4 + ticks)
+    return StopPlan(stamp_ns, t, np.full(ticks, delta), -1500.0 - 100 * t, -900.0 + 0 * t)
+
+
+def silent_in_lockstep(params, read_plan, ticks):
+    """Return a stepper after a command, a silence of some ticks, and the rows meanwhile."""
+    loop = stepper(LockstepStepper, params)
+    run(loop, 1, 0.02)
+    loop.stop.read_plan = read_plan
+    rows = [loop.tick_without_controller().rows for _ in range(ticks)]
+    return loop, np.concatenate(rows)
+
+
+def test_a_plan_is_followed_with_the_bits_of_commands_then_braked_straight(params):
+    plan = plan_after(START_NS)
+    loop, silent = silent_in_lockstep(params, lambda: plan, 23)
+    assert loop.stop.message == BRAKING
+    told = stepper(LockstepStepper, params)
+    run(told, 1, 0.02)
+    held = [told.car.advance(None, TICK_STEPS).rows for _ in range(2)]
+    points = zip(*(column.tolist() for column in plan[2:]))
+    driven = [
+        told.tick(Command(told.car.stamp_ns, delta, 0.0, Fxf, Fxr)).rows
+        for delta, Fxf, Fxr in points
+    ]
+    told.car.brake_straight()
+    driven.append(told.car.advance(None, TICK_STEPS).rows)
+    assert silent.tobytes() == np.concatenate([*held, *driven]).tobytes()
+    messages = [silent_in_lockstep(params, lambda: plan, n)[0].stop.message for n in (2, 3, 22)]
+    assert messages == [HOLDING, FOLLOWING, FOLLOWING]
+
+
+def unreadable():
+    raise DecodeError('no such joint')
+
+
+@pytest.mark.parametrize(
+    ('read_plan', 'message'),
+    [
+        (None, BRAKING),
+        (lambda: plan_after(START_NS - TICK_NS), BRAKING),
+        (lambda: plan_after(START_NS + TICK_NS), BRAKING),
+        (unreadable, f'{BRAKING}, the plan is refused: no such joint'),
+        (
+            lambda: plan_after(START_NS, 0.6),
+            f'{BRAKING}, the plan is refused: steer is 0.6 rad, allowed -0.49 to 0.49',
+        ),
+    ],
+    ids=['none', 'older', 'newer', 'unreadable', 'impossible'],
+)
+def test_without_a_plan_that_can_be_followed_the_car_brakes_straight(params, read_plan, message):
+    loop, rows = silent_in_lockstep(params, read_plan, 10)
+    assert loop.stop.message == message
+    straight = stepper(LockstepStepper, params)
+    run(straight, 1, 0.02)
+    held = straight.car.advance(None, 2 * TICK_STEPS).rows
+    straight.car.brake_straight()
+    braked = straight.car.advance(None, 8 * TICK_STEPS).rows
+    assert rows.tobytes() == np.concatenate([held, braked]).tobytes()
+    assert loop.car.gate.rejected == 0  # that counts commands
+
+
 def step(loop, count):
     for _ in range(count):
         loop.advance_to(loop.car.stamp_ns + STEP_NS)
@@ -161,6 +232,24 @@ def test_realtime_brakes_when_silent_and_follows_again_when_spoken_to(params):
     assert loop.car.actuators.Fxf > -1500
 
 
+def test_realtime_follows_a_plan_in_any_pieces_and_then_a_controller_that_returns(params):
+    """Its command answers a state from before the set-points that are followed."""
+    late, prompt = stepper(RealtimeStepper, params), stepper(RealtimeStepper, params)
+    for loop in (late, prompt):
+        loop.command(Command(START_NS, 0.02, 0.0, 0.0, 0.0))
+        loop.stop.read_plan = lambda: plan_after(START_NS)
+        step(loop, 151)  # now it is silent
+    assert prompt.stop.message == FOLLOWING
+    step(prompt, 299)
+    whole = late.advance_to(prompt.car.stamp_ns)
+    assert whole.rows[-1] == pytest.approx(prompt.car.now.rows[0], rel=1e-9, abs=1e-9)
+    assert prompt.car.actuators.delta == pytest.approx(0.05, abs=0.002)
+    prompt.command(coast(prompt.car.stamp_ns - 30 * STEP_NS))
+    assert (prompt.controller_gone, prompt.car.gate.rejected) == (False, 0)
+    step(prompt, 140)
+    assert prompt.car.actuators.delta == pytest.approx(0.0, abs=0.01)
+
+
 def test_realtime_ends_within_hundredths_of_the_line_and_names_its_millisecond(params):
     """It looks every 10 steps; the crossing that it reports is that of the row."""
     loop = stepper(RealtimeStepper, params, x_m=3.0)
@@ -203,7 +292,7 @@ def refused(reason):
     return f'commands refused: {reason}'
 
 
-SILENT, LATE = 'no command comes, braking straight', 'steps came late and were caught up'
+SILENT, LATE = BRAKING, 'steps came late and were caught up'
 too_far, reject = Command(START_NS, 9.0, 0.0, 0.0, 0.0), RealtimeStepper.reject
 # what happens to a plant, one after the other, and its level and message after each
 STORIES = {

@@ -4,6 +4,7 @@ It shares no code with the gate of the controller and does not know the controll
 car's own actuators and tyres decide which commands are plausible.
 """
 
+import copy
 import math
 from collections import Counter
 from collections.abc import Iterator
@@ -43,6 +44,17 @@ class Gate:
         self._stamp_ns = stamp_ns
         self.rejections = Counter()  # by the code of the violation
         self.last_code = self.last_reason = ''
+
+    def fork(self) -> 'Gate':
+        """Return a second gate in the same state; either goes on without the other."""
+        other = copy.copy(self)
+        other.rejections = self.rejections.copy()
+        return other
+
+    @property
+    def stamp_ns(self) -> int:
+        """The stamp of the last accepted command, or of the start."""
+        return self._stamp_ns
 
     @property
     def rejected(self) -> int:

@@ -5,11 +5,10 @@ from node_runtime.input_monitor import ERROR, OK, STALE, WARN, HeldLevel
 from vehicle_plant.stepping import LockstepStepper, RealtimeStepper
 
 NODE = 'plant'
-NO_COMMAND = 'no command comes, braking straight'
 RUNNING = 'running'
 AGE_MESSAGES = {
     WARN: 'commands come late',
-    ERROR: 'no command came for a while, the car braked straight',
+    ERROR: 'no command came for a while, the plant braked the car',
 }
 
 
@@ -29,7 +28,7 @@ class HealthMonitor:
         """Return the health of a running plant at a stamp."""
         stepper, gate = self._stepper, self._stepper.car.gate
         present = (
-            (stepper.controller_gone, ERROR, NO_COMMAND),
+            (stepper.controller_gone, ERROR, stepper.stop.message),
             (gate.rejected > self._rejected, WARN, f'commands refused: {gate.last_reason}'),
             (stepper.missed_steps > self._missed, WARN, 'steps came late and were caught up'),
         )

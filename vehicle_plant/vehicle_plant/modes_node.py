@@ -105,7 +105,7 @@ class LockstepMode:
             self.node.get_logger().warning('no command comes: sending the present state again')
             self.publish_state()
             return
-        self.node.get_logger().error('no command comes: braking straight')
+        self.node.get_logger().error('no command comes: stopping the car')
         self.silence_timer.cancel()
         self.silence_timer = ros.steady_timer(self.node, NO_CONTROLLER_S, self.on_no_controller)
 
@@ -203,7 +203,7 @@ class RealtimeMode:
         if not self.stepper or self.stepper.outcome:  # a call that was already queued
             return
         trajectory = self.stepper.advance_to(self.now_ns())
-        fault = health.NO_COMMAND if self.stepper.controller_gone else ''
+        fault = self.stepper.stop.message if self.stepper.controller_gone else ''
         if self.silence_log.has_changed(fault):
             if fault:
                 self.node.get_logger().error(fault)

@@ -2,12 +2,13 @@
 
 import sys
 import time
+from functools import partial
 
 from rcl_interfaces.msg import ParameterDescriptor
 
 from msgs_yaml import conversions, decode, encode
 from msgs_yaml.decode import DecodeError
-from msgs_yaml.types import Reference
+from msgs_yaml.types import Reference, StopPlan
 from node_runtime import ros, spin_node, subscriptions_node
 from node_runtime.log_filters import ChangeFilter, RejectionLog
 from node_runtime.managed_node import ManagedNode
@@ -28,7 +29,7 @@ from vehicle_plant.modes_node import LockstepMode, RealtimeMode
 from vehicle_plant.sensors import Sensors
 from vehicle_plant.simulator import STEP_NS, Simulator, model_of
 
-COMMAND = '/controller/command'
+COMMAND, STOP_PLAN = '/controller/command', '/controller/stop_plan'
 POLL_S = 0.1  # between two checks whether the run can start
 THROTTLE_S = 1.0
 HEALTH_NS = 1_000_000_000
@@ -68,6 +69,7 @@ class PlantNode(ManagedNode):
             ros.subscribe(self, '/scenario/reference', self.on_reference, raw=True)
         self.mode = {'lockstep': LockstepMode, 'realtime': RealtimeMode}[ros.mode(self)](self)
         self.command_sub = ros.subscribe(self, COMMAND, self.on_command)
+        ros.subscribe(self, STOP_PLAN, self.on_stop_plan, raw=True)
         self.command_publishers = PublisherMonitor(self, {COMMAND: self.command_sub})
         self.rejections = RejectionLog(COMMAND)
         self.start_timer = ros.steady_timer(self, POLL_S, self.on_poll)
@@ -158,6 +160,11 @@ class PlantNode(ManagedNode):
         if line:
             self.get_logger().warning(line)
 
+    def on_stop_plan(self, raw):
+        """Keep the newest plan for a silent controller: it is read, and checked, only then."""
+        if self.mode.stepper:
+            self.mode.stepper.stop.read_plan = partial(read_stop_plan, raw)
+
     def publish(self, trajectory):
         """Publish every row of a trajectory; on each topic in the order of time."""
         for state, actuators in zip(trajectory.states(), trajectory.actuators()):
@@ -198,6 +205,11 @@ def read_start_path(raw: bytes) -> Reference:
             'start.from: parameters'
         )
     return path
+
+
+def read_stop_plan(raw: bytes) -> StopPlan:
+    """Return a serialised plan. Raises DecodeError."""
+    return decode.stop_plan(ros.deserialize(STOP_PLAN, raw))
 
 
 def main() -> int:

@@ -98,13 +98,12 @@ class Simulator:
         # the state and the row are replaced by `advance`, never changed
         other._ramp, other._delays = copy.copy(self._ramp), copy.deepcopy(self._delays)
         other._faults = copy.deepcopy(self._faults)
-        other.gate = copy.copy(self.gate)
-        other.gate.rejections = self.gate.rejections.copy()
+        other.gate = self.gate.fork()
         return other
 
-    def command(self, command: Command) -> Verdict:
-        """Pass a command through the gate; an accepted one is followed from now on."""
-        verdict = self.gate.check(command, self._stamp_ns, TICK_NS)
+    def command(self, command: Command, gate: Gate | None = None) -> Verdict:
+        """Pass a command through the gate, or another one; it is followed if that accepts it."""
+        verdict = (gate or self.gate).check(command, self._stamp_ns, TICK_NS)
         if verdict.accepted:
             due_ns = command.stamp_ns + TICK_NS - self._stamp_ns
             target = SetPoints(command.delta, command.Fxf, command.Fxr)

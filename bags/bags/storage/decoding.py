@@ -42,6 +42,7 @@ DECODERS = {
     '/estimator/odometry': decode.estimate,
     '/controller/command': decode.command,
     '/controller/prediction': decode.prediction,
+    '/controller/stop_plan': decode.stop_plan,
     '/controller/why': decode.why,
     '/diagnostics': decode.health,
     '/clock': decode.clock,

@@ -11,7 +11,14 @@ from dataclasses import replace
 import numpy as np
 
 from mpcc_controller import run_time_parameters
-from mpcc_controller.driving import obstacle_prediction, path_progress, planner, setpoints, tick
+from mpcc_controller.driving import (
+    obstacle_prediction,
+    path_progress,
+    planner,
+    setpoints,
+    stop_plan,
+    tick,
+)
 from mpcc_controller.driving.actuator_monitor import ActuatorState
 from mpcc_controller.driving.delay_compensation import constant_ramp
 from mpcc_controller.driving.last_resort import INTERNAL_ERROR, InternalErrors
@@ -34,6 +41,7 @@ from msgs_yaml.types import (
     Predictions,
     Reference,
     RoadEdges,
+    StopPlan,
     VehicleState,
     Why,
 )
@@ -235,6 +243,17 @@ class Controller:
             why.values['internal_errors'] = sum(self.errors.counts.values())
             why.values[INTERNAL_ERROR] = self.errors.latest
         return prediction, why
+
+    def stop_plan(self, record: TickRecord) -> StopPlan | None:
+        """Return the set-points that stop the car where no command follows that of a step.
+
+        None for a step without a plan, and after an exception inside, which is counted in `errors`.
+        """
+        try:
+            return stop_plan.stop_plan(record, self.car, self.params, self.parts.command_ns)
+        except Exception as error:
+            self.errors.add(error)
+            return None
 
     def prepare(self) -> float:
         """Use the time between steps: to be called when the command of a step is sent.

@@ -79,6 +79,10 @@ def every_message():
         '/controller/command': [
             types.Command(ns, 0.01 * k, 0.2, -100.0 * k, -50.0) for k, ns in enumerate(ticks)
         ],
+        '/controller/stop_plan': [
+            types.StopPlan(ns, 0.2 + t, 0.01 * k - 0.1 * t, -100.0 * k - X, -50.0 - X)
+            for k, ns in enumerate(ticks)
+        ],
         '/controller/prediction': [
             types.Prediction(ns, X + k, 0.5 * X, 0.02 * X, t) for k, ns in enumerate(ticks)
         ],

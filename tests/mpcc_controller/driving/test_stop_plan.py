@@ -1,0 +1,99 @@
+"""The set-points that stop the car where no command follows: what they are, and when."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mpcc_controller.driving import stop_plan
+from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.records import TickInputs, unknown_state
+from msgs_yaml import conformance, encode
+from msgs_yaml.types import VehicleState
+
+TICK_S, TICK_NS = 0.05, 50_000_000
+
+
+def answered(controller, world, ticks=1):
+    """Return the record of the last of some ticks of the prediction model."""
+    driven = world.drive(controller, ticks)
+    x = driven.states
+    last = VehicleState(ticks * TICK_NS, x.X[-1], x.Y[-1], x.psi[-1], x.vx[-1], x.vy[-1], x.r[-1])
+    return controller.step(TickInputs(last))
+
+
+def test_they_are_those_of_the_plan_then_brake_along_its_line(controller, world):
+    record = answered(controller, world, 30)
+    plan, stop = record.decision.plan, controller.stop_plan(record)
+    assert conformance.check('/controller/stop_plan', encode.stop_plan(stop)) == []
+    assert stop.stamp_ns == record.command.stamp_ns
+    assert stop.t == pytest.approx(TICK_S * np.arange(4, 51))
+    assert stop.delta[:9] == pytest.approx(plan.X[4:13, 7])
+    force = stop.Fxf + stop.Fxr
+    assert force[:9] == pytest.approx(np.minimum(plan.X[4:13, 8], 0))
+    assert np.all(force <= 0)
+    assert force[-1] < -3000
+    # both ways of the lane change that the car has yet to drive
+    assert np.ptp(stop.delta[9:]) > 0.02
+    limits = controller.params.limits
+    steps = np.abs(np.diff([record.command.delta, *stop.delta]))
+    assert np.max(steps) <= limits.steer_rate_radps * TICK_S + 1e-12
+    braked = force < 0
+    share = stop.Fxf[braked] / force[braked]
+    assert np.all(share >= limits.brake_front_share_min)
+    assert np.all(share <= limits.brake_front_share_max)
+
+
+def test_the_prediction_model_that_follows_them_stays_near_the_line_and_slows_down(
+    controller, world
+):
+    record = answered(controller, world, 30)
+    plan, stop = record.decision.plan, controller.stop_plan(record)
+    drive, x = world.make_car(controller.car), record.x0
+    x = drive(x, record.command)
+    for _ in range(stop_plan.HELD_TICKS):
+        x = drive(x, record.command)
+    for delta, Fxf, Fxr in zip(stop.delta, stop.Fxf, stop.Fxr):
+        x = drive(x, record.command._replace(delta=delta, Fxf=Fxf, Fxr=Fxr))
+    assert x.vx < 14.5
+    assert np.min(np.hypot(plan.X[:, 0] - x.X, plan.X[:, 1] - x.Y)) < 1.0
+
+
+def test_in_realtime_they_are_due_as_much_later_as_the_command_takes_effect(controller, world):
+    record = answered(controller, world)
+    at_once = controller.stop_plan(record)
+    later = record._replace(effective_ns=record.effective_ns + 20_000_000)
+    assert controller.stop_plan(later).t == pytest.approx(at_once.t + 0.02)
+    delayed = stop_plan.stop_plan(later, controller.car, controller.params, 20_000_000)
+    assert delayed.t == pytest.approx(at_once.t)
+
+
+def test_there_are_none_without_a_plan_and_for_a_car_that_stands(controller, world):
+    record = answered(controller, world)
+    plan = record.decision.plan
+    standing = plan._replace(X=plan.X * (np.arange(9) != 3))
+    stands = record._replace(decision=record.decision._replace(plan=standing))
+    assert controller.stop_plan(stands) is None
+    controller.memory = replace(controller.memory, plans=controller.memory.plans.discard())
+    assert controller.stop_plan(controller.step(TickInputs(unknown_state(2 * TICK_NS)))) is None
+
+
+def test_they_end_where_the_car_stands_and_fit_the_shortest_horizon(world):
+    params, vehicle = world.load(model__horizon=5)
+    controller = world.set_inputs(Controller(params, vehicle), world.straight())
+    record = answered(controller, world)
+    assert len(controller.stop_plan(record).t) == 2
+    plan = record.decision.plan
+    X = plan.X.copy()
+    X[:, 3] = 1.0
+    slow = record._replace(decision=record.decision._replace(plan=plan._replace(X=X)))
+    stop = controller.stop_plan(slow)
+    assert 1 <= len(stop.t) <= 2
+
+
+def test_an_error_inside_is_counted(controller, world, monkeypatch):
+    record = answered(controller, world)
+    monkeypatch.setattr(stop_plan.guesses, 'braking', lambda *_, **__: 1 / 0)
+    before = sum(controller.errors.counts.values())
+    assert controller.stop_plan(record) is None
+    assert sum(controller.errors.counts.values()) == before + 1
