@@ -34,7 +34,7 @@ FAMILIES = ('bend_inside', 'bend_outside', 'bend_oncoming', 'pop_up', 'double_la
 INSTANTS = 4  # per draw
 CORNERS_MPS2, DRIVES_MPS = 2.0, 5.0
 MOST_TICKS = 250  # until a car without a controller stands
-STRAIGHT, PLAN = 'straight', 'along the stop plan'
+STRAIGHT, PLAN, ONLY_STRAIGHT = 'straight', 'along the stop plan', 'only straight'
 
 
 def main() -> None:
@@ -50,7 +50,8 @@ def main() -> None:
         for draw in range(options.draws)
         for case in silences(family, draw, options.seed)
     )
-    counts = rows.groupby('family', sort=False)[[STRAIGHT, PLAN]].sum()
+    rows[ONLY_STRAIGHT] = rows[STRAIGHT] & ~rows[PLAN]
+    counts = rows.groupby('family', sort=False)[[STRAIGHT, PLAN, ONLY_STRAIGHT]].sum()
     counts.insert(0, 'cases', rows['family'].value_counts())
     counts.loc['all'] = counts.sum()
     print(counts.to_string())
