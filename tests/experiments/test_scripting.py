@@ -47,7 +47,7 @@ def test_a_drive_has_the_metrics_topics_and_signals_of_the_simulation(run):
     assert run.metrics['completed']
     assert run.parameters[TOLERANCE] == 0.4
     assert (run.settings, run.label) == ({TOLERANCE: 0.4}, 'mpcc, contouring_m=0.4')
-    assert len(run.topics) == 10
+    assert len(run.topics) == 11
     assert len(run.frame('/controller/prediction').loc[0.0]) == 51
     commanded, actual = run.signals['steer_command_rad'], run.signals['steer_rad']
     assert (commanded - actual).abs().max() < 0.01

@@ -99,7 +99,7 @@ def test_a_run_is_one_line_and_one_that_cannot_be_evaluated_still_has_frames(run
     assert len(text) < 200
     assert run.parameters['controller.safety.obstacle_m'] == 0.5
     assert 'python' in run.metadata['versions']
-    assert repr(second) == "Run('one second', one second, 1.00 s: 18 topics)"
+    assert repr(second) == "Run('one second', one second, 1.00 s: 19 topics)"
     with pytest.raises(BagError, match='parameters'):
         second.metrics  # noqa: B018
     assert len(second.frame('/vehicle/imu')) == 100
