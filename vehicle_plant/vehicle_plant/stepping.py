@@ -46,7 +46,8 @@ class SilentStop:
     def begin(self) -> None:
         """Follow the newest plan from now on, if it belongs to the command accepted last."""
         # a gate of its own: a controller that returns answers a state a little older than now
-        self._gate, self._steps_left, refused = self._car.gate.fork(), 0, ''
+        self._gate, self._steps_left = self._car.gate.fork(), 0
+        self._plan, refused = None, ''
         try:
             self._plan = self.read_plan() if self.read_plan else None
         except DecodeError as error:
