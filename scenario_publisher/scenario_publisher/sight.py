@@ -85,11 +85,11 @@ def bound_speed(sight: Sight, speed: np.ndarray, crowd: Sequence[Actor]) -> np.n
 
 
 def _emerging_bound(sight, fastest, discs):
-    """Return the speeds [m/s] (n,) from which the car stops for who comes out, or is past before.
+    """Return the speeds [m/s] (n,) from which the car stops for who comes out, or is there first.
 
     Who is hidden at an offset needs the time t until the way of the car. At a speed v with
-    v reaction + v^2 / (2 b) <= v t the car is past wherever it cannot stop any more. So every speed
-    below that or the stopping speed is safe, also the lower ones.
+    v reaction + v^2 / (2 b) <= v t the front of the car is there first wherever it cannot stop any
+    more. Who walks on then, into its side, is not accounted for.
     """
     path, b = sight.path, sight.deceleration
     reach = FRONT + MARGIN + fastest * sight.reaction + fastest**2 / (2.0 * b)

@@ -20,7 +20,7 @@ from msgs_yaml.types import StopPlan
 
 HELD_TICKS = 2  # for which a plant holds the last command before it follows a stop plan
 FOLLOWED_TICKS = 10  # in which they are those of the plan
-FRICTION_USE = 0.65  # share of the friction, for braking and cornering
+FRICTION_USE = 0.65  # of the brakes, less what the line needs for cornering; not of cornering
 STANDS_MPS = 0.3
 
 
