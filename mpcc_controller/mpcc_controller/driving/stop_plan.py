@@ -45,21 +45,29 @@ def stop_plan(
     count = int(stands[0]) if len(stands) else len(states.vx)
     if not count:
         return None
-    turn = limits.steer_rate_radps * params.model.step_s
-    delta = accumulate(
-        states.delta.tolist(),
-        lambda before, wanted: min(max(wanted, before - turn), before + turn),
-        initial=command.delta,
-    )
-    force = np.minimum(states.Fx, 0.0)[:count]  # nobody is there to drive
+    step_s = params.model.step_s
+    delta = _follow(states.delta[:count], command.delta, limits.steer_rate_radps * step_s)
+    # nobody is there to drive
+    wanted, held = np.minimum(states.Fx[:count], 0.0), command.Fxf + command.Fxr
+    force = _follow(wanted, held, limits.force_rate_nps * step_s)
     share = single_track.ideal_split(force, car)
     share = np.clip(share, limits.brake_front_share_min, limits.brake_front_share_max)
     # stage 0 of the plan is where the command takes effect
     begin_s = ns_to_s(record.effective_ns - command_ns - command.stamp_ns)
     return StopPlan(
         stamp_ns=command.stamp_ns,
-        t=begin_s + params.model.step_s * (first + 1 + np.arange(count)),
-        delta=np.array([*delta][1 : count + 1]),
+        t=begin_s + step_s * (first + 1 + np.arange(count)),
+        delta=delta,
         Fxf=share * force,
         Fxr=(1 - share) * force,
     )
+
+
+def _follow(wanted, held, change):
+    """Return set-points (n,) near the wanted ones (n,), each within `change` of the one before."""
+    points = accumulate(
+        wanted.tolist(),
+        lambda before, value: min(max(value, before - change), before + change),
+        initial=held,
+    )
+    return np.array([*points][1:])
