@@ -6,7 +6,6 @@ may be about to pass an obstacle, then they brake along its line, in steady corn
 """
 
 from dataclasses import replace
-from itertools import accumulate
 
 import numpy as np
 
@@ -34,12 +33,11 @@ def stop_plan(
     plan, command, limits = record.decision.plan, record.command, params.limits
     if plan is None:
         return None
-    gentle = replace(limits, friction_use=min(FRICTION_USE, limits.friction_use))
+    use = min(FRICTION_USE, limits.friction_use)
+    gentle = replace(params, limits=replace(limits, friction_use=use))
     first = 1 + HELD_TICKS
     last = min(first + FOLLOWED_TICKS, len(plan.X) - 2)
-    braking = guesses.braking(
-        plan.X[last:], State(*plan.X[last]), car, replace(params, limits=gentle), floor=0.0
-    )
+    braking = guesses.braking(plan.X[last:], State(*plan.X[last]), car, gentle, floor=0.0)
     states = State(*np.vstack((plan.X[first + 1 : last], braking.X)).T)
     stands = np.flatnonzero(states.vx < STANDS_MPS)
     count = int(stands[0]) if len(stands) else len(states.vx)
@@ -47,8 +45,7 @@ def stop_plan(
         return None
     step_s = params.model.step_s
     delta = _follow(states.delta[:count], command.delta, limits.steer_rate_radps * step_s)
-    # nobody is there to drive
-    wanted, held = np.minimum(states.Fx[:count], 0.0), command.Fxf + command.Fxr
+    wanted, held = np.minimum(states.Fx[:count], 0.0), command.Fxf + command.Fxr  # no driving
     force = _follow(wanted, held, limits.force_rate_nps * step_s)
     share = single_track.ideal_split(force, car)
     share = np.clip(share, limits.brake_front_share_min, limits.brake_front_share_max)
@@ -65,9 +62,7 @@ def stop_plan(
 
 def _follow(wanted, held, change):
     """Return set-points (n,) near the wanted ones (n,), each within `change` of the one before."""
-    points = accumulate(
-        wanted.tolist(),
-        lambda before, value: min(max(value, before - change), before + change),
-        initial=held,
-    )
-    return np.array([*points][1:])
+    points = [held]
+    for value in wanted.tolist():
+        points.append(min(max(value, points[-1] - change), points[-1] + change))
+    return np.array(points[1:])
