@@ -149,7 +149,8 @@ coverage_whole: setup $(VENV)/.tests
 # Every test in one of three parts: those of the safety modules, traced; those that must have the
 # machine for themselves or look at the built site; all others. The site is built and the first part
 # runs beside the last one, and each runs, whatever failed before it. Of the second part only the
-# files are read that have such a test: to collect all takes as long as some of them. Where nodes may
+# files are read that have such a test: to collect all takes as long as some of them. What failed in
+# the other parts is named again at the end. Where nodes may
 # not be given real-time priority, drives on the wall clock (`wall_clock`) are in it, too.
 ALONE = $(shell grep -rlwE --include='test_*.py' 'mark\.alone|mark\.site|wall_clock' tests)
 # Pages, notebooks, wheels, builds by colcon and what processes over DDS add to the nodes are tested
@@ -158,9 +159,11 @@ ALONE = $(shell grep -rlwE --include='test_*.py' 'mark\.alone|mark\.site|wall_cl
 CHANGED_SINCE ?= $(shell git merge-base HEAD @{upstream} 2>/dev/null | grep -v "$$(git rev-parse HEAD)" \
   || echo HEAD~1)
 check: setup $(VENV)/.tests $(VENV)/.docs lint budget
-	failed=0; \
-	  $(MAKE_COMMAND) --keep-going --jobs 2 side_by_side docs coverage || failed=1; \
+	failed=0; mkdir -p build; \
+	  { $(MAKE_COMMAND) --keep-going --jobs 2 side_by_side docs coverage 2>&1 || echo FAILED make; } \
+	    | tee build/check.log; \
 	  $(PYTEST) -m 'alone or site' --durations 10 $(ALONE) || failed=1; \
+	  ! grep -E '^(FAILED|ERROR) ' build/check.log || failed=1; \
 	  exit $$failed
 
 side_by_side: setup $(VENV)/.tests
