@@ -72,7 +72,7 @@ def tune(
         avoided = []
         for chosen in (before, weights):
             rows = [
-                arms.row(own, arm, chosen, seed + FRESH, index, labels=tuple(chosen.items()))
+                arms.row(own, arm, chosen, seed + FRESH, index, labels=chosen.items())
                 for index in range(count)
             ]
             outcomes = driver.drive(rows)
