@@ -14,7 +14,7 @@ import yaml
 
 from experiments.configuration import inputs, node_config
 from experiments.decisive import arms, run
-from experiments.decisive.driver import Driver
+from experiments.decisive.outcome import Driver
 from experiments.drive_records import DriveRecords
 from experiments.pool import Pool
 from experiments.progress import CountProgress

@@ -344,8 +344,7 @@ def parse_value(hint: Any, item: Item) -> Any:
     """Return the value of a node as the type hint describes it. Raises YamlError."""
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if isinstance(hint, Mapping):
-        members = item.members(hint)
-        return {name: parse_value(inside, members[name]) for name, inside in hint.items()}
+        return {name: parse_value(hint[name], own) for name, own in item.members(hint).items()}
     if dataclasses.is_dataclass(hint):
         return _parse_block(hint, item)
     if hasattr(hint, 'from_item'):

@@ -16,7 +16,7 @@ from scipy.stats import false_discovery_control, ks_2samp
 
 from experiments.decisive import arms
 from experiments.decisive.arms import COMPARED
-from experiments.decisive.driver import Driver
+from experiments.decisive.outcome import Driver
 from experiments.families.lane_change_task import UNIFORM
 
 # of a task, beside weights

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from bags.command_line import print_paths, print_text
 from bags.figures import style
-from experiments.decisive import analysis, exchange, figures, picture, rows, verdicts
+from experiments.decisive import analysis, exchange, figures, picture, run, verdicts
 from experiments.families.lane_change_task import DEMAND
 
 TEXT = 'decided.txt'
@@ -36,7 +36,7 @@ def write(plan: Mapping[str, Any], folder: Path, out: Path, console: Console) ->
 
     Raises BagError for a folder without the tables.
     """
-    tables = {name: rows.read(folder, name) for name in (*rows.TABLES, rows.PICTURE)}
+    tables = {name: run.read(folder, name) for name in (*run.TABLES, run.PICTURE)}
     results = analysis.analyse(plan, tables['drives'])
     errors = tables['drives']['error'].ne('').sum()
     lines = [
@@ -69,7 +69,7 @@ def explain(plan: Mapping[str, Any], folder: Path, out: Path, console: Console) 
     In the replicate whose MPCC is nearest to the median. Raises BagError for a folder without the
     tables, and where both avoid the same tasks.
     """
-    tables = {name: rows.read(folder, name) for name in ('tuned', 'drives')}
+    tables = {name: run.read(folder, name) for name in ('tuned', 'drives')}
     exchanged = exchange.explain(plan, tables, int(typical(plan, tables['tuned'], 'mpcc').name))
     lines = [
         f'replicate {exchanged.replicate}, task {exchanged.task}: {exchanged.avoids} alone avoids',

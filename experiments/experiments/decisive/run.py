@@ -1,10 +1,19 @@
 """Drive the study, replicate by replicate, and keep every row.
 
 `folder`/replicate_NN has the records of the drives of a replicate, so that an interrupted call goes
-on, and its tables when it has ended; `rows` tells what becomes of them.
+on, and its tables when it has ended, until `pack` adds them to those of the study in `folder`:
+
+tuned.parquet    the weights that each search has chosen, and their cost
+trials.parquet   every point of the searches
+drives.parquet   every drive: those that judge (`judged`), and those of the searches
+picture.parquet  the draws from which the nearest to the paper's picture are taken
+
+Only these are decided: nobody looks at a study that goes on.
 """
 
 import json
+import os
+import shutil
 import time
 from collections.abc import Iterable, Mapping
 from functools import partial
@@ -17,9 +26,9 @@ import yaml
 
 from bags.errors import BagError
 from experiments import code_version
-from experiments.decisive import analysis, arms, outcome, picture, rows, search
+from experiments.decisive import analysis, arms, outcome, picture, search
 from experiments.decisive.arms import COMPARED
-from experiments.decisive.driver import Driver
+from experiments.decisive.outcome import Driver
 from experiments.decisive.plan import FILE
 from experiments.drive_records import DriveRecords
 from experiments.pool import Pool
@@ -27,6 +36,8 @@ from experiments.progress import CountProgress
 from node_runtime import provenance
 
 ORIGIN = 'origin.json'  # what decides the rows in a folder
+TABLES = ('tuned', 'trials', 'drives')  # by replicate
+PICTURE = 'picture'
 ROOTS = (*code_version.ROOTS, __name__)
 Plan = Mapping[str, Any]
 
@@ -41,24 +52,24 @@ def run(
     with rows of another version of the code.
     """
     _check_origin(plan, folder, driving=False)
-    kept, number, is_over = rows.packed(folder, rows.TABLES[-1]), 0, False
+    kept, number, is_over = packed(folder, TABLES[-1]), 0, False
     while not is_over:
         number += 1
-        part = rows.part(folder, number)
-        if number not in kept and not (part / f'{rows.TABLES[-1]}.parquet').is_file():
+        part = part_of(folder, number)
+        if number not in kept and not (part / f'{TABLES[-1]}.parquet').is_file():
             _check_origin(plan, folder)
             replicate(plan, number, part, pool, progress)
         is_over = number >= (replicates or plan['stop']['cap'])
         if not replicates and number >= plan['stop']['from']:
-            drives = rows.collect(folder, 'drives', number).query('replicate <= @number')
+            drives = collect(folder, 'drives', number).query('replicate <= @number')
             is_over = is_over or analysis.stop(plan, drives).startswith('stop')
-    if not (folder / f'{rows.PICTURE}.parquet').is_file():
+    if not (folder / f'{PICTURE}.parquet').is_file():
         _check_origin(plan, folder)
-        with DriveRecords(folder / rows.PICTURE) as records:
+        with DriveRecords(folder / PICTURE) as records:
             driver = Driver(records, pool, progress)
             picture.drive(plan, driver)
-        rows.write(pd.DataFrame(driver.lines), folder, rows.PICTURE)
-    rows.pack(folder, number)
+        write(pd.DataFrame(driver.lines), folder, PICTURE)
+    pack(folder, number)
 
 
 def replicate(plan: Plan, number: int, folder: Path, pool: Pool, progress: CountProgress) -> None:
@@ -78,9 +89,9 @@ def replicate(plan: Plan, number: int, folder: Path, pool: Pool, progress: Count
         as_frame((arm, trial) for arm, points in trials.items() for trial in points),
         pd.DataFrame(driver.lines),
     )
-    for name, frame in zip(rows.TABLES, frames):
+    for name, frame in zip(TABLES, frames):
         frame.insert(0, 'replicate', number)
-        rows.write(frame, folder, name)
+        write(frame, folder, name)
     count = len(driver.lines)
     progress.print_line(
         f'replicate {number}: {count:,} drives in {time.monotonic() - begin_s:.0f} s, cost '
@@ -162,3 +173,64 @@ def _check_origin(plan, folder, driving=True):
         file.write_text(json.dumps(own, indent=2) + '\n')
         if not (folder / FILE).exists():
             (folder / FILE).write_text(yaml.safe_dump(plan, sort_keys=False))
+
+
+def part_of(folder: Path, number: int) -> Path:
+    """Return the folder of a replicate."""
+    return folder / f'replicate_{number:02}'
+
+
+def read(folder: Path, name: str) -> pd.DataFrame:
+    """Return a table of a study. Raises BagError for a folder without it."""
+    path = folder / f'{name}.parquet'
+    try:
+        return pd.read_parquet(path)
+    except OSError as error:
+        raise BagError(
+            f'{path}: {error.strerror or "cannot be read"}; `experiments study run` writes it when '
+            'the study has ended'
+        ) from None
+
+
+def packed(folder: Path, name: str) -> set[int]:
+    """Return the replicates in a table of a study, none where there is no table."""
+    path = folder / f'{name}.parquet'
+    return (
+        set(pd.read_parquet(path, columns=['replicate'])['replicate']) if path.is_file() else set()
+    )
+
+
+def collect(folder: Path, name: str, count: int) -> pd.DataFrame:
+    """Return the rows of a table, and those of replicates 1 to `count` that are not in it yet."""
+    kept = packed(folder, name)
+    folders = [folder] if kept else []
+    folders += [part_of(folder, number) for number in range(1, count + 1) if number not in kept]
+    return pd.concat([read(own, name) for own in folders], ignore_index=True)
+
+
+def pack(folder: Path, count: int) -> None:
+    """Put the rows of replicates 1 to `count` into the tables, and remove their folders.
+
+    An interrupted call is made good by the next one.
+    """
+    parts = [own for number in range(1, count + 1) if (own := part_of(folder, number)).is_dir()]
+    for name in TABLES if parts else ():
+        write(collect(folder, name, count), folder, name)
+    for own in parts:
+        shutil.rmtree(own)
+
+
+def write(frame: pd.DataFrame, folder: Path, name: str) -> None:
+    """Write a table, whole or not at all."""
+    # numbers that hardly repeat take a fifth less, byte by byte, than in a dictionary
+    counts = frame.select_dtypes('float').agg(['nunique', 'count'])
+    split = [column for column, (kinds, size) in counts.items() if 2 * kinds > size]
+    path = folder / f'{name}.parquet'
+    frame.to_parquet(
+        path.with_suffix('.part'),
+        compression='zstd',
+        compression_level=19,
+        use_dictionary=[column for column in frame if column not in split],
+        column_encoding=dict.fromkeys(split, 'BYTE_STREAM_SPLIT'),
+    )
+    os.replace(path.with_suffix('.part'), path)

@@ -11,7 +11,7 @@ import yaml
 from test_study_command import PLAN, ROOT
 
 from experiments import cli
-from experiments.decisive import rows
+from experiments.decisive import run as study
 from node_runtime import provenance
 
 
@@ -40,37 +40,37 @@ def driven(tmp_path):
     }
     for name, table in tables.items():
         for number, own in table.groupby('replicate'):
-            folder = rows.part(tmp_path, number)
+            folder = study.part_of(tmp_path, number)
             folder.mkdir(exist_ok=True)
-            rows.write(own, folder, name)
+            study.write(own, folder, name)
     picture = tables['drives'].query('replicate == 1 and start == 0 and not S.isna()')
-    rows.write(picture.assign(avoided=False), tmp_path, 'picture')
+    study.write(picture.assign(avoided=False), tmp_path, 'picture')
     return tables
 
 
 def test_tables_hold_every_row_once_however_often_packing_is_interrupted(driven, tmp_path):
-    shutil.copytree(rows.part(tmp_path, 1), tmp_path / 'again')
-    rows.pack(tmp_path, 1)
+    shutil.copytree(study.part_of(tmp_path, 1), tmp_path / 'again')
+    study.pack(tmp_path, 1)
     # killed before the folder was gone, and between two tables of the next call
-    (tmp_path / 'again').rename(rows.part(tmp_path, 1))
-    rows.write(driven['tuned'], tmp_path, 'tuned')
-    rows.pack(tmp_path, 4)
+    (tmp_path / 'again').rename(study.part_of(tmp_path, 1))
+    study.write(driven['tuned'], tmp_path, 'tuned')
+    study.pack(tmp_path, 4)
     assert not [*tmp_path.glob('replicate_*')]
     for name, table in driven.items():
-        pd.testing.assert_frame_equal(rows.read(tmp_path, name), table)
+        pd.testing.assert_frame_equal(study.read(tmp_path, name), table)
     before = (tmp_path / 'drives.parquet').stat().st_mtime_ns
-    rows.pack(tmp_path, 4)
+    study.pack(tmp_path, 4)
     assert (tmp_path / 'drives.parquet').stat().st_mtime_ns == before
 
 
 def test_numbers_that_hardly_repeat_take_less_than_in_a_file_of_pandas(tmp_path):
     numbers = np.random.default_rng(1).normal(15.0, 1.0, 20_000)
     frame = pd.DataFrame({'v': numbers, 'arm': 'mpcc', 'none': np.nan})
-    rows.write(frame, tmp_path, 'drives')
+    study.write(frame, tmp_path, 'drives')
     frame.to_parquet(tmp_path / 'other.parquet', compression='zstd')
     sizes = [(tmp_path / f'{name}.parquet').stat().st_size for name in ('drives', 'other')]
     assert sizes[0] < 0.9 * sizes[1]
-    pd.testing.assert_frame_equal(rows.read(tmp_path, 'drives'), frame)
+    pd.testing.assert_frame_equal(study.read(tmp_path, 'drives'), frame)
 
 
 def test_a_study_that_its_rule_ends_is_packed_and_decided_by_any_code(driven, tmp_path, capsys):
@@ -80,12 +80,12 @@ def test_a_study_that_its_rule_ends_is_packed_and_decided_by_any_code(driven, tm
     assert cli.main(decide) == 1
     assert 'writes it when the study has ended' in capsys.readouterr().err
     assert cli.main(run) == 0
-    assert rows.packed(tmp_path, 'drives') == {1, 2, 3}
+    assert study.packed(tmp_path, 'drives') == {1, 2, 3}
     assert [path.name for path in tmp_path.glob('replicate_*')] == ['replicate_04']
     assert cli.main(decide) == 0
     assert 'over 3 replicates' in capsys.readouterr().out
     # the next ones would be driven by this code
     assert cli.main([*run, '--replicates', '4']) == 0
-    assert rows.packed(tmp_path, 'drives') == {1, 2, 3, 4}
+    assert study.packed(tmp_path, 'drives') == {1, 2, 3, 4}
     assert cli.main([*run, '--replicates', '5']) == 1
     assert 'origin.json: sources, ' in capsys.readouterr().err
