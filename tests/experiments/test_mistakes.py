@@ -320,7 +320,7 @@ def test_mistakes_in_a_study(refused, tmp_path, given, expected):
         ('search ranges tolerances.lug_m', [1, 2], "is no parameter ... 'tolerances.lag_m'"),
         ('search ranges tolerances.lag_m', [2.0, 1.0], 'is from 2 to 1; allowed low < high'),
         ('search ranges tolerances.lag_m', [1e-9, 1.0], 'lag_m: is 1e-09; allowed'),
-        ('search ranges tolerances.heading_rad', None, 'tuned.frenet: must have ... heading_rad'),
+        ('tuned frenet without', ['tolerances.heading_rad'], 'tuned.frenet: must have ... _rad'),
         ('tuned mpcc', None, "tuned: key 'mpcc' is missing"),
         ('tuned mpcc wihtout', [], "wihtout: ... did you mean 'without'?"),
         ('tuned mpcc without', ['tolerances.lug_m'], "no 'tolerances.lug_m'; did you mean"),
