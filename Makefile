@@ -4,7 +4,7 @@
 # make budget    lines, files and megabytes: are they within .ci/budget.txt?
 # make nightly   2,000 fresh emergencies, exceptions in a tick, faults of processes, every page and build
 # make paper     both experiments of the paper, driven and drawn, into paper/
-# make study     the published shares of the study over many settings, from its rows
+# make study     both studies to their verdicts: from the rows that are kept, driving what is missing
 # make setup     .venv with what driving needs; our packages run from their source: edits count at once
 # make studies   what tuning, batches and studies need, too
 # make bench     benchmarks as tables
@@ -202,8 +202,13 @@ repeat: setup $(VENV)/.tests
 paper: setup
 	@$(BIN)/experiments paper
 
+# a study that has ended is driven no more; STUDY=build/study drives all of it anew (hours)
+STUDY ?= paper/study
 study: studies
 	@$(BIN)/experiments study recompute paper/settings
+	@$(BIN)/experiments study run paper/study --out $(STUDY)
+	@$(BIN)/experiments study decide $(STUDY)
+	@$(BIN)/experiments study explain $(STUDY)
 
 golden: setup
 	@$(BIN)/experiments golden

@@ -14,7 +14,7 @@ import yaml
 
 from experiments.configuration import inputs, node_config
 from experiments.decisive import arms, run
-from experiments.decisive.driver import Driver
+from experiments.decisive.outcome import Driver
 from experiments.drive_records import DriveRecords
 from experiments.pool import Pool
 from experiments.progress import CountProgress
@@ -72,7 +72,7 @@ def tune(
         avoided = []
         for chosen in (before, weights):
             rows = [
-                arms.row(own, arm, chosen, seed + FRESH, index, labels=tuple(chosen.items()))
+                arms.row(own, arm, chosen, seed + FRESH, index, labels=chosen.items())
                 for index in range(count)
             ]
             outcomes = driver.drive(rows)

@@ -8,10 +8,10 @@
 
 A field is a number with its `Range`, a text, free or with a `Choice` or `Pattern`, a truth, a
 `Literal`, another dataclass, a list `tuple[X, ...]`, a pair `tuple[X, Y]`, a mapping `dict[str, X]`
-of any keys or `dict[Literal['a', 'b'], X]` of exactly these, a union of dataclasses, which is
-resolved by their first field, or a class that reads the node itself, by its class method
-`from_item(item)`. A field with a default, or `| None`, may be left out. A dataclass may have a
-method `faults()` that yields what is wrong beyond its fields: (keys that lead to it, text).
+of any keys, `dict[Literal['a', 'b'], X]` or `{'from': X, 'to': Y}` of exactly these, a union of
+dataclasses, which is resolved by their first field, or a class that reads the node itself, by its
+class method `from_item(item)`. A field with a default, or `| None`, may be left out. A dataclass
+may have a method `faults()` that yields what is wrong beyond its fields: (keys that lead, text).
 
 The flat parameters of nodes, which may also come from ROS, have the same fields
 (`node_runtime.parameters`). A file has no aliases, as ROS has none: with them a short one can
@@ -343,6 +343,8 @@ def _describe(node, quoted=True):
 def parse_value(hint: Any, item: Item) -> Any:
     """Return the value of a node as the type hint describes it. Raises YamlError."""
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if isinstance(hint, Mapping):
+        return {name: parse_value(hint[name], own) for name, own in item.members(hint).items()}
     if dataclasses.is_dataclass(hint):
         return _parse_block(hint, item)
     if hasattr(hint, 'from_item'):

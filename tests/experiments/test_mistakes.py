@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pandas
 import pytest
@@ -18,6 +19,7 @@ from experiments import cli
 from msgs_yaml import share
 
 SLOW = ('casadi', 'matplotlib', 'bokeh', 'rclpy')  # to import
+PLAN = Path(__file__).parents[2] / 'paper/study/study.yaml'
 STRAIGHT = share.path('scenario_publisher', 'scenarios', 'straight.yaml').read_text()
 FILES = {
     'road.yaml': STRAIGHT.replace('name: straight', 'name: road'),
@@ -297,6 +299,50 @@ def test_mistakes_in_a_study(refused, tmp_path, given, expected):
     fields = {name: value for name, value in (STUDY | given).items() if value is not None}
     (tmp_path / 'study.yaml').write_text(yaml.safe_dump(fields, sort_keys=False))
     error = refused(['batch', 'study.yaml', '--out', 'out', '--jobs', '1']).err
+    assert 'study.yaml:' in error
+    is_said(error, expected)
+
+
+@pytest.mark.parametrize(
+    ('place', 'value', 'expected'),
+    [
+        ('serach', {}, "serach: unknown key; did you mean 'search'?"),
+        ('picture', None, "key 'picture' is missing"),
+        ('judged_tasks', 0, ':6: judged_tasks: is 0; allowed 1 to'),
+        ('starts speed_kph', 'fast', "starts.speed_kph: must be a number, is 'fast'; allowed 0 to"),
+        ('stop form', 12, "stop.form: ... did you mean 'from'?; allowed from, widths, cap"),
+        ('stop widths', [0.05], 'stop.widths: has 1 elements; allowed exactly 2'),
+        ('confirmatory avoidance_gap margin', 5, 'margin: is 5; allowed 0 to 1'),
+        ('balance kept_m', -1.0, 'balance.kept_m: is -1.0; allowed'),
+        ('picture items onset_lead_m', [10.0, 40.0, 0.0], 'onset_lead_m[2]: is 0.0; allowed'),
+        ('search cost sideslip_rad', 0.1, "sideslip_rad: ... did you mean 'sideslip_deg'?"),
+        ('search first points', 1.5, 'search.first.points: must be a whole number, is 1.5'),
+        ('search ranges tolerances.lug_m', [1, 2], "is no parameter ... 'tolerances.lag_m'"),
+        ('search ranges tolerances.lag_m', [2.0, 1.0], 'is from 2 to 1; allowed low < high'),
+        ('search ranges tolerances.lag_m', [1e-9, 1.0], 'lag_m: is 1e-09; allowed'),
+        ('tuned frenet without', ['tolerances.heading_rad'], 'tuned.frenet: must have ... _rad'),
+        ('tuned mpcc', None, "tuned: key 'mpcc' is missing"),
+        ('tuned mpcc wihtout', [], "wihtout: ... did you mean 'without'?"),
+        ('tuned mpcc without', ['tolerances.lug_m'], "no 'tolerances.lug_m'; did you mean"),
+        ('tuned mpcc controller', 'mpc', "tuned.mpcc.controller: no controller 'mpc'"),
+        ('tuned mpcc settings', {'formulation.headng': True}, "mean 'formulation.heading'?"),
+        ('tuned mpcc settings', {'formulation.heading': 1}, 'heading: must be true or false, is 1'),
+        ('derived mpcc', {'controller': 'mpcc'}, 'derived.mpcc: is in tuned, too'),
+        ('derived frenet_matched weights', 'mpc', "weights: ... no 'mpc'; did you mean 'mpcc'?"),
+        ('factors frme', {}, "factors.frme: ... did you mean 'frame'?"),
+    ],
+)
+def test_mistakes_in_the_plan_of_a_study(refused, tmp_path, place, value, expected):
+    plan = yaml.safe_load(PLAN.read_text())
+    *blocks, name = place.split()
+    block = plan
+    for key in blocks:
+        block = block[key]
+    block[name] = value
+    if value is None:
+        del block[name]
+    (tmp_path / 'study.yaml').write_text(yaml.safe_dump(plan, sort_keys=False))
+    error = refused(['study', 'run', '.', '--jobs', '1']).err
     assert 'study.yaml:' in error
     is_said(error, expected)
 

@@ -1,19 +1,17 @@
 """The study of tuned controllers, and the shares of the first one over settings, from their rows.
 
 run        search, judge and keep every row, replicate by replicate, until the rule stops it; the
-           same command goes on where it was interrupted
-decide     estimands, intervals and verdicts, from the rows; and a figure for each
+           same command goes on where it was interrupted, and puts the rows into a file per table
+decide     estimands, intervals and verdicts, from these; and a figure for each
 explain    what parts of both controllers do to the plan, in a task that one alone avoids
 recompute  every published share of the first study
 """
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
-from bags.errors import BagError
 from experiments.commands import add_dask, add_jobs, positive_count
 
 HELP = 'the study of tuned controllers: drive it, decide it; the shares of the first study'
@@ -48,34 +46,24 @@ def run(options: argparse.Namespace) -> int:
         for table in (settings_study.shares(study), settings_study.braking(study)):
             text = table.to_string(index=False, float_format='{:.3f}'.format)
             console.print(text, markup=False, highlight=False, soft_wrap=True)
-    elif options.part in ('decide', 'explain'):
+        return 0
+    from experiments.decisive import plan
+
+    own = plan.read(folder)
+    if options.part in ('decide', 'explain'):
         from experiments.decisive import report
 
         do = report.write if options.part == 'decide' else report.explain
-        do(read_plan(folder), folder, out, console)
+        do(own, folder, out, console)
     else:
         from experiments import code_version
         from experiments.decisive import run as study
         from experiments.pool import Pool
         from experiments.progress import CountProgress
 
-        plan = read_plan(folder)
         with (
             CountProgress(console) as progress,
             Pool(options.jobs, options.dask, code_version.describe) as pool,
         ):
-            study.run(plan, out, pool, progress, options.replicates)
+            study.run(own, out, pool, progress, options.replicates)
     return 0
-
-
-def read_plan(folder: Path) -> dict[str, Any]:
-    """Return the plan of a study. Raises BagError for a folder without it."""
-    import yaml
-
-    # imported late: controllers take a second to load
-    from experiments.decisive.run import PLAN
-
-    try:
-        return yaml.safe_load((folder / PLAN).read_text(encoding='utf-8'))
-    except OSError as error:
-        raise BagError(f'{folder / PLAN}: {error.strerror}; it has the plan of the study') from None

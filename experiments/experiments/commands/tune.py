@@ -30,17 +30,18 @@ def run(options: argparse.Namespace) -> int:
     # imported late: controllers and pandas take a second to load
     from experiments import code_version, tuning
     from experiments.commands import study
+    from experiments.decisive import plan
     from experiments.pool import Pool
     from experiments.progress import CountProgress
 
     console = Console()
-    plan = study.read_plan(options.plan or study.KEPT['run'])
+    own = plan.read(options.plan or study.KEPT['run'])
     folder = options.out / Path(options.controller).stem
     with (
         CountProgress(console) as progress,
         Pool(options.jobs, options.dask, code_version.describe) as pool,
     ):
-        tuned = tuning.tune(plan, options.controller, options.seed, folder, pool, progress)
+        tuned = tuning.tune(own, options.controller, options.seed, folder, pool, progress)
     print_text(console, tuning.as_table(tuned).to_string(index=False))
     print_paths(console, {'controller': tuned.file, 'history': tuned.history})
     return 0

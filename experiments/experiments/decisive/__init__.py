@@ -1,10 +1,10 @@
 """The study of tuned controllers: both tuned alike, judged on fresh tasks (docs/study.md).
 
+plan       what was fixed beforehand, in study.yaml, checked
 arms       the controllers, as rows
 search     the search for the weights of an arm
-outcome    what the tables hold of a drive
-driver     drives rows, keeps a line of the table for each
-run        replicates: search, judge; the draws of the picture
+outcome    drives rows, and what the tables hold of a drive
+run        replicates: search, judge; the draws of the picture; the tables
 verdicts   intervals, and the rules that were fixed beforehand
 analysis   estimands, from the tables
 picture    which unprinted parameters make the paper's picture

@@ -3,10 +3,10 @@
 The unit is the replicate: a seed, its searches and its fresh tasks. A difference is the mean over
 the tasks of a replicate, first arm minus second; intervals are Student's t over replicates. Tables:
 
-judged     a row per judged drive: replicate, arm, task, start (0; others measure the scatter of
-           starts and decide nothing), S, stratum, latency_ms, compensated, friction_error, avoided
-           (False also of a drive without a result), and the columns of `BETTER`
-factorial  the same of arms factorial:0000 to 1111, on tasks which both compared arms avoid
+drives     a row per drive: replicate, judged (False of the searches), arm, task, start (0; others
+           measure the scatter of starts and decide nothing), S, stratum, latency_ms, compensated,
+           friction_error, avoided (False also of a drive without a result), and the columns of
+           `QUANTITIES`; arms factorial:0000 to 1111 had tasks which both compared arms avoid
 trials     every point of the searches: replicate, arm, round, drives (of the search, up to then),
            cost, is_recommended
 
@@ -14,25 +14,26 @@ Shares, their differences and margins are fractions of 1; 0.01 is a point.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from bags.errors import BagError
+from experiments.decisive.arms import COMPARED, FACTORIAL
 from experiments.decisive.verdicts import (
     Estimate,
     Rules,
     Verdict,
     decide,
     estimate,
+    read_rules,
     stop_rule,
     width,
 )
 
-COMPARED = ('mpcc', 'frenet')
 # compared arms; the first pair is that of the verdicts
 PAIRS = (
     COMPARED,
@@ -40,9 +41,24 @@ PAIRS = (
     ('mpcc', 'frenet_matched'),
     ('mpcc', 'frenet_lineage'),
 )
-HEADING_PAIR = ' - '.join(PAIRS[1])
-# quantities of a drive, +1 where more is better. As in the paper to brake earlier is better
-BETTER = {'peak_sideslip_deg': -1, 'kept_m': 1, 'min_speed_mps': 1, 'brake_onset_m': -1}
+DIFFERENCE, HEADING_DIFFERENCE = (' - '.join(pair) for pair in PAIRS[:2])
+
+
+class Quantity(NamedTuple):
+    """What is compared of two drives."""
+
+    sign: int  # +1 where more is better
+    label: str
+    better: str  # in a word
+    unit: str
+
+
+QUANTITIES = {
+    'peak_sideslip_deg': Quantity(-1, 'peak sideslip', 'smaller', 'deg'),
+    'kept_m': Quantity(1, 'distance kept', 'greater', 'm'),
+    'min_speed_mps': Quantity(1, 'least speed', 'higher', 'm/s'),
+    'brake_onset_m': Quantity(-1, 'start of braking', 'earlier', 'm'),  # as in the paper
+}
 FACTORS = ('frame', 'lag', 'heading', 'shape')  # digits of a factorial arm, 1 as the baseline
 LATENCIES = ('0 ms', '25 ms', '50 ms', 'compensated')
 # what a regression of avoidance is on, beside the stratum of S
@@ -77,27 +93,52 @@ class Results(NamedTuple):
     unsteady: Sequence[Row]  # share of tasks in which starts disagree, by arm
 
 
-def analyse(judged: pd.DataFrame, factorial: pd.DataFrame, rules: Rules) -> Results:
+def analyse(plan: Mapping[str, Any], drives: pd.DataFrame) -> Results:
     """Return all estimates. Raises BagError where the compared arms had different tasks."""
-    first, second = paired(judged, COMPARED)
-    drives = judged[(judged['start'] == 0) & judged['arm'].isin(COMPARED)]
-    if 2 * len(first) != len(drives):
-        raise BagError(f'{" and ".join(COMPARED)} were not judged on the same tasks')
+    rules, (judged, factorial) = read_rules(plan), _judged(drives)
+    gap, balance = _confirmatory(judged, rules)
     present = set(judged['arm'])
     pairs = [pair for pair in PAIRS if present.issuperset(pair)]
-    gap = _per_replicate(_gap(first, second))
-    balance = _per_replicate(pairwise(first, second, 'peak_sideslip_deg', rules))
+    compared = judged[(judged['start'] == 0) & judged['arm'].isin(COMPARED)]
     return Results(
         verdicts=decide(gap, balance, rules),
-        stop=stop_rule(len(gap), [width(estimate(values)) for values in (gap, balance)], rules),
+        stop=stop(plan, drives),
         shares=list(_shares(judged)),
         gaps=list(_gaps(judged, pairs)),
-        limits=list(_limits(drives)),
-        losses=list(_losses(drives)),
+        limits=list(_limits(compared)),
+        losses=list(_losses(compared)),
         balances=[row for pair in pairs for row in _balances(judged, pair, rules)],
         effects=list(_effects(factorial)),
         unsteady=list(_unsteady(judged)),
     )
+
+
+def stop(plan: Mapping[str, Any], drives: pd.DataFrame) -> str:
+    """Return whether the study stops after the replicates in a table of drives.
+
+    Raises BagError as `analyse`.
+    """
+    rules = read_rules(plan)
+    samples = _confirmatory(_judged(drives)[0], rules)
+    return stop_rule(len(samples[0]), [width(estimate(values)) for values in samples], rules)
+
+
+def _judged(drives):
+    """Return the drives that judge: those of arms, and those of the factorial."""
+    # drives of searches have no values of their tasks
+    whole = {'stratum': int, 'latency_ms': int}
+    judged = drives[drives['judged']].infer_objects().astype(whole)
+    is_factorial = judged['arm'].str.startswith(FACTORIAL)
+    return judged[~is_factorial], judged[is_factorial]
+
+
+def _confirmatory(judged, rules):
+    """Return by replicate avoidance gap and balance of sideslip, which have verdicts."""
+    first, second = paired(judged, COMPARED)
+    if 2 * len(first) != (judged['start'].eq(0) & judged['arm'].isin(COMPARED)).sum():
+        raise BagError(f'{" and ".join(COMPARED)} were not judged on the same tasks')
+    samples = _gap(first, second), pairwise(first, second, 'peak_sideslip_deg', rules)
+    return [_per_replicate(values) for values in samples]
 
 
 def paired(judged: pd.DataFrame, pair: Sequence[str]) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -114,7 +155,7 @@ def pairwise(first: pd.DataFrame, second: pd.DataFrame, what: str, rules: Rules)
     Whoever does not avoid is last, so no task is left out; two that do not avoid tie. Two that
     avoid tie where one has no value, as of a car that does not brake hard.
     """
-    lead = BETTER[what] * (first[what] - second[what])
+    lead = QUANTITIES[what].sign * (first[what] - second[what])
     least = rules.better_by[what]
     among_avoided = (lead >= least).astype(int) - (lead <= -least).astype(int)
     both = first['avoided'] & second['avoided']
@@ -159,24 +200,27 @@ def _per_replicate(values):
     return values.groupby(level='replicate').mean().to_numpy()
 
 
+def _rows(name, what, groups, **more):
+    """Yield an estimate for each (group, values by replicate and task)."""
+    for group, values in groups:
+        yield Row(name, what, str(group), estimate(_per_replicate(values)), **more)
+
+
 def _shares(judged):
-    drives = judged[judged['start'] == 0]
+    drives = judged[judged['start'] == 0].set_index(['replicate', 'task'])
     for arm, rows in drives.groupby('arm', sort=False):
-        for stratum, part in (('all', rows), *rows.groupby('stratum')):
-            by_replicate = part.groupby('replicate')['avoided'].mean()
-            yield Row(arm, 'avoided', str(stratum), estimate(by_replicate))
+        groups = [('all', rows), *rows.groupby('stratum')]
+        yield from _rows(arm, 'avoided', ((group, part['avoided']) for group, part in groups))
 
 
 def _gaps(judged, pairs):
     for pair in pairs:
         first, second = paired(judged, pair)
-        difference = _gap(first, second)
-        groups = [('all', difference)]
+        gap = _gap(first, second)
+        groups = [('all', gap)]
         if pair == COMPARED:
-            groups += difference.groupby(first['stratum'])
-            groups += difference.groupby(latency_group(first))
-        for group, values in groups:
-            yield Row(' - '.join(pair), 'avoided', str(group), estimate(_per_replicate(values)))
+            groups += [*gap.groupby(first['stratum']), *gap.groupby(latency_group(first))]
+        yield from _rows(' - '.join(pair), 'avoided', groups)
 
 
 def _limits(drives: pd.DataFrame) -> Iterator[Row]:
@@ -239,7 +283,7 @@ def _losses(drives: pd.DataFrame) -> Iterator[Row]:
             usable = rank == terms.shape[1]
             slopes[arm].append(-fit[: len(names)] if usable else np.full(len(names), np.nan))
     arrays = {arm: np.array(values) for arm, values in slopes.items()}
-    arrays[' - '.join(COMPARED)] = arrays[COMPARED[0]] - arrays[COMPARED[1]]
+    arrays[DIFFERENCE] = arrays[COMPARED[0]] - arrays[COMPARED[1]]
     for arm, values in arrays.items():
         for name, column in zip(names, values.T):
             yield Row(arm, 'avoidance lost', name, estimate(column))
@@ -247,7 +291,7 @@ def _losses(drives: pd.DataFrame) -> Iterator[Row]:
 
 def _balances(judged, pair, rules):
     first, second = paired(judged, pair)
-    for what in BETTER:
+    for what in QUANTITIES:
         result = pairwise(first, second, what, rules)
         note = ''
         silent = first['avoided'] & second['avoided'] & (first[what].isna() | second[what].isna())
@@ -259,8 +303,7 @@ def _balances(judged, pair, rules):
             # parts of the balance: one arm avoids, or both do
             *(('by avoidance', gap), ('where both avoid', result - gap)),
         )
-        for group, values in shares:
-            yield Row(' - '.join(pair), what, group, estimate(_per_replicate(values)), note=note)
+        yield from _rows(' - '.join(pair), what, shares, note=note)
 
 
 def _effects(factorial: pd.DataFrame) -> Iterator[Row]:
@@ -280,9 +323,9 @@ def _effects(factorial: pd.DataFrame) -> Iterator[Row]:
     contrasts = np.array([signs[:, list(k)].prod(axis=1) / 8 for k in wanted])
     # a drive that ends early has no values to compare
     drives = factorial.assign(
-        **{what: factorial[what].where(factorial['avoided']) for what in BETTER}
+        **{what: factorial[what].where(factorial['avoided']) for what in QUANTITIES}
     )
-    for what in BETTER:
+    for what in QUANTITIES:
         table = drives.pivot(index=['replicate', 'task'], columns='arm', values=what)[arms]
         tasks, table = len(table), table.astype(float).dropna()
         effects = pd.DataFrame(table.to_numpy() @ contrasts.T, index=table.index)
@@ -302,7 +345,7 @@ def _unsteady(judged):
     )
     several = several[several['size'] > 1]
     for arm, rows in (several['nunique'] > 1).groupby(level='arm', sort=False):
-        yield Row(arm, 'starts disagree', 'all', estimate(_per_replicate(rows)))
+        yield from _rows(arm, 'starts disagree', [('all', rows)])
 
 
 def to_text(results: Results) -> str:
@@ -315,7 +358,7 @@ def to_text(results: Results) -> str:
             f'{100 * item.confidence:g} % over {item.estimate.units} replicates, which scatter by '
             f'{100 * item.estimate.scatter:.1f}; margin {100 * item.margin:g})'
         )
-    heading = [row for row in results.gaps if row.name == HEADING_PAIR and row.group == 'all']
+    heading = [row for row in results.gaps if row.name == HEADING_DIFFERENCE and row.group == 'all']
     lines += [
         f'with the heading in its cost, too: MPCC less baseline {_interval(row.estimate, POINTS)}, '
         'an estimate without a verdict'

@@ -3,16 +3,17 @@
 All have the car file, the believed friction and the safety distances of their task.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 from random import Random
 from typing import Any
 
 from experiments.decisive.search import Weights
-from experiments.drive_row import Offset, Pairs, Row
+from experiments.drive_row import Offset, Row
 from experiments.families import draw
 from experiments.families.lane_change_task import NAME
 
+COMPARED = ('mpcc', 'frenet')  # the verdicts are about their difference
 FACTORIAL = 'factorial:'
 HEADING = 'tolerances.heading_rad'
 
@@ -44,7 +45,7 @@ def row(
     seed: int,
     index: int,
     start: int = 0,
-    labels: Pairs = (),
+    labels: Iterable[tuple[str, Any]] = (),
 ) -> Row:
     """Return the drive of an arm with chosen parameters in a task.
 

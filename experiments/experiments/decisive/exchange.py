@@ -15,12 +15,12 @@ import pandas as pd
 from bags.errors import BagError
 from experiments import drive_row, simulation
 from experiments.decisive import arms, outcome
+from experiments.decisive.arms import COMPARED
 from experiments.replay.recorded_problem import Problem
 from experiments.simulation import Setup
 from mpcc_controller.driving.parts import Parts
 from scenario_publisher.scenario import Scenario
 
-ARMS = ('mpcc', 'frenet')
 WEIGHTS, ALL, BOTH = 'weights', 'all parts', 'all parts and weights'
 AHEAD_S = 1.0
 
@@ -56,12 +56,12 @@ def choose(drives: pd.DataFrame, replicate: int) -> tuple[int, str]:
     `drives` is the table of the study. Raises BagError where there is none.
     """
     rows = drives[drives['judged'] & drives['replicate'].eq(replicate) & drives['start'].eq(0)]
-    avoided = rows.pivot(index='task', columns='arm', values='avoided')[[*ARMS]].dropna()
-    alone = avoided[avoided[ARMS[0]] != avoided[ARMS[1]]]
+    avoided = rows.pivot(index='task', columns='arm', values='avoided')[[*COMPARED]].dropna()
+    alone = avoided[avoided[COMPARED[0]] != avoided[COMPARED[1]]]
     if alone.empty:
         raise BagError(f'replicate {replicate}: both arms avoid the same tasks')
     task = alone.sort_index().iloc[0]
-    return int(task.name), next(arm for arm in ARMS if task[arm])
+    return int(task.name), next(arm for arm in COMPARED if task[arm])
 
 
 def explain(plan: Mapping[str, Any], tables: Mapping[str, pd.DataFrame], number: int) -> Exchange:
@@ -73,7 +73,7 @@ def explain(plan: Mapping[str, Any], tables: Mapping[str, pd.DataFrame], number:
     replicate = tables['tuned'][tables['tuned']['replicate'] == number].set_index('arm')
     tuned = {
         arm: {name: replicate.loc[arm, name] for name in arms.tuned_parameters(plan, arm)}
-        for arm in ARMS
+        for arm in COMPARED
     }
     seed = plan['seeds']['judged'] + number
 

@@ -13,18 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from bags.figures import style
-from experiments.decisive.analysis import (
-    BETTER,
-    COMPARED,
-    HIGH,
-    KNOWN_LATENCY,
-    LATENCIES,
-    LATENCY,
-    LIMIT_SHARE,
-    LOW,
-    Results,
-    Row,
-)
+from experiments.decisive import analysis
+from experiments.decisive.analysis import DIFFERENCE, LIMIT_SHARE, QUANTITIES, Results, Row
+from experiments.decisive.arms import COMPARED
 from experiments.decisive.exchange import AHEAD_S, ALL, BOTH, WEIGHTS, Exchange
 from experiments.decisive.picture import Marginal
 from experiments.decisive.verdicts import Rules
@@ -39,25 +30,17 @@ LABELS = {
     'mpcc_shipped': 'MPCC, not tuned',
     'frenet_shipped': 'baseline, not tuned',
 }
-DIFFERENCE = ' - '.join(COMPARED)
-QUANTITIES = {
-    'peak_sideslip_deg': 'peak sideslip',
-    'kept_m': 'distance kept',
-    'min_speed_mps': 'least speed',
-    'brake_onset_m': 'start of braking',
-}
-WORDS = {  # what is better
-    'peak_sideslip_deg': 'smaller',
-    'kept_m': 'greater',
-    'min_speed_mps': 'higher',
-    'brake_onset_m': 'earlier',
-}
-UNITS = {'deg': 'deg', 'm': 'm', 'mps': 'm/s'}
 FACTOR_LABELS = {
     'frame': 'path frame',
     'lag': 'no lag cost',
     'heading': 'heading cost',
     'shape': 'step priority',
+}
+LATENCY_LABELS = {
+    '0 ms': 'none',
+    '25 ms': '25 ms, unknown\nto the controller',
+    '50 ms': '50 ms, unknown\nto the controller',
+    'compensated': '50 ms, in its model\nwith the servos',
 }
 MARKERS = ('o', 's', 'D', '^', 'v', 'P', 'X')
 AVOIDED = 'tasks avoided [%]'
@@ -108,20 +91,19 @@ def draw_gap(results: Results, rules: Rules, span: tuple[float, float]) -> Figur
     names = [name for name in LABELS if any(row.name == name for row in results.shares)]
     colours = style.assign_colours([name.removesuffix('_shipped') for name in names])
     for k, name in enumerate(names):
-        rows = {row.group: row for row in results.shares if row.name == name}
         shift = (k - (len(names) - 1) / 2) * 0.007
-        tuned = not name.endswith('_shipped')
         _points(
-            *(above, places + shift, [rows[group] for group in strata if group in rows]),
-            *(100, LABELS[name], colours[name.removesuffix('_shipped')], MARKERS[k]),
-            line='-' if tuned else ':',
+            *(above, places + shift, _select(results.shares, strata, name=name), 100),
+            label=LABELS[name],
+            color=colours[name.removesuffix('_shipped')],
+            marker=MARKERS[k],
+            ls=':' if name.endswith('_shipped') else '-',
         )
     above.set(ylabel=AVOIDED, ylim=(-3, 103), title='Avoided, by controller')
-    gaps = {row.group: row for row in results.gaps if row.name == DIFFERENCE}
     margin = 100 * rules.gap_margin
     _margin(below.axhspan, margin, f'within ±{margin:g} points: equivalent')
-    _points(below, places, [gaps[group] for group in strata], 100, '', style.INK, 'o')
-    overall = gaps['all'].estimate
+    _points(below, places, _select(results.gaps, strata, name=DIFFERENCE), 100, ls='-')
+    overall = _select(results.gaps, ['all'], name=DIFFERENCE)[0].estimate
     label = f'all tasks: {100 * overall.mean:+.1f} points'
     below.axhspan(100 * overall.low, 100 * overall.high, color='#56B4E9', alpha=0.45, lw=0)
     below.axhline(100 * overall.mean, color=style.KNOWN['mpcc'], lw=1.5, label=label)
@@ -139,59 +121,46 @@ def draw_limits(rows: Sequence[Row], span: tuple[float, float]) -> Figure:
     figure, (above, below) = _sheet(
         'Up to which demand does each controller avoid nine of ten?', 5.6, 2
     )
-    groups = [group for group in LATENCIES if any(row.group == group for row in rows)]
+    groups = [group for group in LATENCY_LABELS if any(row.group == group for row in rows)]
     places = np.arange(len(groups), dtype=float)
     for k, name in enumerate(COMPARED):
-        own = [row for row in rows if row.name == name]
-        _points(
-            *(above, places + 0.16 * (k - 0.5), own, 1, LABELS[name]),
-            *(style.KNOWN[name], MARKERS[k]),
-            line='',
-        )
-    above.set(
-        ylabel=f'demand S, {100 * LIMIT_SHARE:g} % avoided', ylim=(span[0] - 0.02, span[1] + 0.02)
-    )
+        look = {'label': LABELS[name], 'color': style.KNOWN[name], 'marker': MARKERS[k]}
+        _points(above, places + 0.16 * (k - 0.5), _select(rows, groups, name=name), **look)
+    above.set(ylabel=f'demand S, {100 * LIMIT_SHARE:g} % avoided')
+    above.set_ylim(span[0] - 0.02, span[1] + 0.02)
     above.set_title(f'S90, where it is within {span[0]:.1f} to {span[1]:.1f}')
     above.legend(loc='best')
-    ratios = [row for row in rows if '/' in row.name]
-    _points(below, places, ratios, 1, '', style.INK, 'o', line='')
+    ratios = _select(rows, groups, what='ratio')
+    _points(below, places, ratios)
     below.axhline(1.0, color=style.REFERENCE, lw=1)
     below.set(ylabel='ratio', title='MPCC over baseline; above 1 the MPCC gets further')
     below.set_xlabel('time from a command to the actuators')
     for axes, own in ((above, rows), (below, ratios)):
-        axes.set_xticks(places, [_latency_label(group) for group in groups])
+        axes.set_xticks(places, [LATENCY_LABELS[group] for group in groups])
         axes.set_xlim(-0.5, len(groups) - 0.5)
         for place, group in zip(places, groups):
-            missing = [row for row in own if row.group == group and np.isnan(row.estimate.mean)]
-            if missing:
-                axes.annotate(
-                    *('outside\nthe range', (place, 0.5)),
-                    xycoords=('data', 'axes fraction'),
-                    ha='center',
-                    color=style.QUIET,
-                )
+            if any(np.isnan(row.estimate.mean) for row in _select(own, [group])):
+                look = {'ha': 'center', 'color': style.QUIET}
+                middle = {'xy': (place, 0.5), 'xycoords': ('data', 'axes fraction')}
+                axes.annotate('outside\nthe range', **middle, **look)
     return figure
 
 
 def draw_losses(rows: Sequence[Row]) -> Figure:
     """Return what wrong friction and latency cost each arm in avoidance."""
     names = {
-        HIGH: 'friction believed\n5 % too high',
-        LOW: 'friction believed\n5 % too low',
-        LATENCY: '25 ms of latency\nthat it does not know',
-        KNOWN_LATENCY: '50 ms, in its model\nwith the servos',
+        analysis.HIGH: 'friction believed\n5 % too high',
+        analysis.LOW: 'friction believed\n5 % too low',
+        analysis.LATENCY: '25 ms of latency\nthat it does not know',
+        analysis.KNOWN_LATENCY: '50 ms, in its model\nwith the servos',
     }
     figure, axes = _sheet('How much avoidance do wrong friction and latency cost?', 3.9)
     places = np.arange(len(names), dtype=float)
-    colours = {**style.KNOWN, DIFFERENCE: style.INK}
+    labels = {**LABELS, DIFFERENCE: 'difference: below 0 the MPCC loses less'}
     for k, name in enumerate((*COMPARED, DIFFERENCE)):
-        own = {row.group: row for row in rows if row.name == name}
-        _points(
-            *(axes, places + 0.2 * (k - 1), [own[group] for group in names], 100),
-            *(LABELS.get(name, 'difference: below 0 the MPCC loses less'), colours[name]),
-            MARKERS[k],
-            line='',
-        )
+        look = {'label': labels[name], 'color': style.KNOWN.get(name, style.INK)}
+        own = _select(rows, names, name=name)
+        _points(axes, places + 0.2 * (k - 1), own, 100, marker=MARKERS[k], **look)
     axes.axhline(0.0, color=style.REFERENCE, lw=1)
     axes.set_xticks(places, names.values())
     axes.set(ylabel='avoidance lost [points]', xlim=(-0.5, len(names) - 0.5))
@@ -204,31 +173,20 @@ def draw_balances(rows: Sequence[Row], rules: Rules) -> Figure:
     pairs = list(dict.fromkeys(row.name for row in rows))
     figure, panels = _sheet('Who is better, task by task?', 1.2 + 1.75 * len(pairs), len(pairs))
     margin = 100 * rules.balance_margin
-    places = np.arange(len(BETTER), dtype=float)[::-1]
+    places = np.arange(len(QUANTITIES), dtype=float)[::-1]
     for axes, pair in zip(panels if len(pairs) > 1 else [panels], pairs):
         first, second = pair.split(' - ')
-        groups = {
-            group: [row for row in rows if row.name == pair and row.group == group]
-            for group in ('better', 'worse', 'balance')
-        }
         for group, sign, name in (('better', 1, first), ('worse', -1, second)):
-            shares = [100 * sign * row.estimate.mean for row in groups[group]]
+            shares = [100 * sign * row.estimate.mean for row in _select(rows, [group], name=pair)]
             colour = style.KNOWN[name.partition('_')[0]]
             axes.barh(places, shares, 0.6, color=colour, alpha=0.35)
         _margin(axes.axvspan, margin, f'balance within ±{margin:g} points: equivalent')
-        means, errors = _bars(groups['balance'], 100)
-        axes.errorbar(
-            *(means, places),
-            xerr=errors,
-            color=style.INK,
-            marker='o',
-            ms=4,
-            capsize=3,
-            ls='',
-            label='balance: share better less share worse',
-        )
+        own = _select(rows, ['balance'], name=pair)
+        look = {'ms': 4, 'capsize': 3, 'lw': None}
+        label = 'balance: share better less share worse'
+        _points(axes, places, own, 100, across=True, label=label, **look)
         axes.axvline(0.0, color=style.REFERENCE, lw=1)
-        axes.set_yticks(places, [_quantity_label(row.what, rules) for row in groups['balance']])
+        axes.set_yticks(places, [_quantity_label(row.what, rules) for row in own])
         axes.set(xlim=(-100, 100))
         axes.xaxis.set_major_formatter(lambda value, _: f'{abs(value):g}')
         axes.set_title(f'{LABELS[second]} better', fontsize=8, color=style.KNOWN['frenet'])
@@ -244,37 +202,24 @@ def draw_balances(rows: Sequence[Row], rules: Rules) -> Figure:
 def draw_effects(rows: Sequence[Row]) -> Figure:
     """Return what each difference of the two formulations does, and each pair of them."""
     quantities = list(dict.fromkeys(row.what for row in rows))
-    figure, panels = _sheet(
-        'What does each part of the baseline change in the MPCC?',
-        4.6,
-        1,
-        len(quantities),
-    )
+    title = 'What does each part of the baseline change in the MPCC?'
+    figure, panels = _sheet(title, 4.6, 1, len(quantities))
     names = [row.name for row in rows if row.what == quantities[0]]
     places = np.arange(len(names), dtype=float)[::-1]
     for axes, what in zip(panels, quantities):
-        own = [row for row in rows if row.what == what]
-        unit = own[0].unit
-        means, errors = _bars(own, 1)
-        main = np.array([row.group == 'effect' for row in own])
-        for chosen, colour, marker in ((main, style.INK, 'o'), (~main, style.QUIET, 'D')):
-            axes.errorbar(
-                *(means[chosen], places[chosen]),
-                xerr=errors[:, chosen],
-                color=colour,
-                marker=marker,
-                ms=4,
-                capsize=2,
-                ls='',
-            )
+        effects, others = (_select(rows, [kind], what=what) for kind in ('effect', 'interaction'))
+        look = {'across': True, 'ms': 4, 'capsize': 2, 'lw': None}
+        _points(axes, places[: len(effects)], effects, **look)
+        _points(axes, places[len(effects) :], others, **look, color=style.QUIET, marker='D')
         axes.axvline(0.0, color=style.REFERENCE, lw=1)
+        means, errors = _bars([*effects, *others], 1)
         # rounding errors are no effect
         reach = max(1e-3, 1.3 * np.nanmax(np.abs(means) + errors.max(axis=0)))
         tick = float(f'{0.6 * reach:.1g}')
         axes.set_xlim(-reach, reach)
         axes.set_xticks([-tick, 0.0, tick], [f'{-tick:g}', '0', f'{tick:g}'], fontsize=7)
-        axes.set_title(QUANTITIES[what].replace(' ', '\n').replace('of\n', 'of '), fontsize=8)
-        axes.set_xlabel(UNITS[unit])
+        axes.set_title(QUANTITIES[what].label.replace(' ', '\n').replace('of\n', 'of '), fontsize=8)
+        axes.set_xlabel(QUANTITIES[what].unit)
         axes.set_yticks(places, [])
         axes.set_ylim(-0.6, len(names) - 0.4)
     labels = [' + '.join(FACTOR_LABELS[part] for part in name.split(' x ')) for name in names]
@@ -346,10 +291,9 @@ def draw_searches(trials: pd.DataFrame) -> Figure:
     panels = np.atleast_1d(panels)
     for axes, arm in zip(panels, arms):
         recommended = trials[(trials['arm'] == arm) & trials['is_recommended']]
+        colour = style.assign_colours(arms)[arm]
         for _, search in recommended.groupby('replicate'):
-            axes.plot(
-                search['drives'], search['cost'], color=style.assign_colours(arms)[arm], lw=0.9
-            )
+            axes.plot(search['drives'], search['cost'], color=colour, lw=0.9)
         axes.set_title(LABELS[arm].replace(' with', '\nwith'), fontsize=9)
         axes.set(xlabel='drives of the search', xlim=(0, None))
         axes.sharey(panels[0])
@@ -373,22 +317,26 @@ def _bars(rows, factor):
     return mean, np.nan_to_num(np.maximum(0.0, [mean - low, high - mean]))
 
 
-def _points(axes, places, rows, factor, label, colour, marker, line='-'):
+def _select(rows, groups, **fields):
+    """Return the rows of each group with these fields, in the order of the groups."""
+    chosen = [row for row in rows if all(getattr(row, k) == v for k, v in fields.items())]
+    return [row for group in groups for row in chosen if row.group == group]
+
+
+def _points(axes, places, rows, factor=1, across=False, **look):
+    """Draw estimates with their intervals, upwards or across."""
     means, errors = _bars(rows, factor)
-    look = {'color': colour, 'marker': marker, 'ms': 4.5, 'capsize': 2.5, 'lw': 1.3, 'ls': line}
-    axes.errorbar(places, means, errors, label=label, **look)
+    usual = {'color': style.INK, 'marker': 'o', 'ms': 4.5, 'capsize': 2.5, 'lw': 1.3, 'ls': ''}
+    if across:
+        axes.errorbar(means, places, xerr=errors, **usual | look)
+    else:
+        axes.errorbar(places, means, yerr=errors, **usual | look)
 
 
 def _margin(span, margin, label):
     span(-margin, margin, color='#E4E4E4', lw=0, zorder=0.5, label=label)
 
 
-def _latency_label(group):
-    return f'{group}, unknown\nto the controller' if group[0] in '25' else {
-        '0 ms': 'none', 'compensated': '50 ms, in its model\nwith the servos'
-    }[group]  # fmt: skip
-
-
 def _quantity_label(what, rules):
-    unit = UNITS[what.rpartition('_')[2]]
-    return f'{QUANTITIES[what]}\n{rules.better_by[what]:g} {unit} {WORDS[what]}'
+    quantity = QUANTITIES[what]
+    return f'{quantity.label}\n{rules.better_by[what]:g} {quantity.unit} {quantity.better}'

@@ -1,11 +1,12 @@
-"""What the tables of the study hold of a drive, the same for every controller.
+"""What the tables of the study hold of a drive, the same for every controller; who drives.
 
 Distances are those of the paper's circle around the centre of gravity, whatever circles a
 controller has.
 """
 
+import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -15,13 +16,18 @@ from bags.evaluation.drive import drive_from_columns, drop_nonfinite
 from bags.evaluation.metrics.outcome import SLIDING_DEG
 from bags.evaluation.metrics.registry import METRICS, EvaluatedDrive
 from bags.evaluation.series import SIDESLIP_FROM
-from experiments import simulation
+from experiments import drive_row, simulation
+from experiments.drive_records import DriveRecords
+from experiments.drive_row import Row
 from experiments.families.lane_change_task import CIRCLE_M
+from experiments.pool import Pool, WorkerError
+from experiments.progress import CountProgress
 from experiments.simulation import Setup
 from msgs_yaml.types import VehicleState
 from scenario_publisher.scenario import Scenario
 
 FAILED: Mapping[str, Any] = {'avoided': False}  # of a drive without a result
+LIMIT_S = 120.0  # of wall time for a drive
 
 
 def measure(setup: Setup) -> dict[str, Any]:
@@ -78,3 +84,40 @@ def cost(outcome: Mapping[str, Any], scales: Mapping[str, float]) -> float:
         + outcome['peak_sideslip_deg'] / scales['sideslip_deg']
     )
     return float(min(scales['failure'], total))
+
+
+class Driver:
+    """Drives rows that have no record, and keeps a line of the table for each."""
+
+    def __init__(self, records: DriveRecords, pool: Pool, progress: CountProgress):
+        self.records, self.pool, self.progress = records, pool, progress
+        self.lines: list[dict[str, Any]] = []
+
+    def drive(self, rows: Sequence[Row], **labels: Any) -> list[Mapping[str, Any]]:
+        """Return the outcome of each row.
+
+        That of a drive that takes too long or ends its process is a failure. Raises whatever else a
+        drive raises, as BagError for a file that was changed meanwhile.
+        """
+        keys = [drive_row.key(row) for row in rows]
+        missing = {key: row for key, row in zip(keys, rows) if key not in self.records}
+        errors: dict[str, str] = {}
+        tasks = [(row, key, measure) for key, row in missing.items()]
+        ended = self.pool.finish_each(drive_row.drive_unchanged, tasks, LIMIT_S)
+        for done, finished in enumerate(ended, start=len(rows) - len(missing) + 1):
+            key = list(missing)[finished.number]
+            if finished.error and not isinstance(finished.error, WorkerError):
+                raise finished.error
+            if finished.error:
+                errors[key] = ' '.join(str(finished.error).split())
+            else:
+                self.records.add(key, finished.value)
+            self.progress.show('drives', done, len(rows), f'{len(self.lines):,} before')
+        results = []
+        for row, key in zip(rows, keys):
+            values = json.loads(self.records.get(key, json.dumps(FAILED)))
+            self.lines.append(
+                {**labels, **dict(row.labels), **values, 'error': errors.get(key, '')}
+            )
+            results.append(values)
+        return results

@@ -15,10 +15,10 @@ import pandas as pd
 from scipy.stats import false_discovery_control, ks_2samp
 
 from experiments.decisive import arms
-from experiments.decisive.driver import Driver
+from experiments.decisive.arms import COMPARED
+from experiments.decisive.outcome import Driver
 from experiments.families.lane_change_task import UNIFORM
 
-ARMS = ('mpcc', 'frenet')
 # of a task, beside weights
 PARAMETERS = ('S', 'speed_mps', 'latency_ms', 'rear_cornering', 'roll_share', *UNIFORM)
 SLACK_M = 0.02  # a distance that lacks no more counts as kept
@@ -80,7 +80,7 @@ def distances(drives: pd.DataFrame, rules: Mapping[str, Any]) -> pd.Series:
     The root of the sum of squares of what an item misses over its scale, at most `cap` each; what
     has no value misses it by `cap`.
     """
-    mpcc, baseline = (drives[drives['arm'] == arm].set_index('task') for arm in ARMS)
+    mpcc, baseline = (drives[drives['arm'] == arm].set_index('task') for arm in COMPARED)
     mpcc = mpcc.loc[baseline.index]
     items = pd.DataFrame(
         {
@@ -108,11 +108,11 @@ def marginals(drives: pd.DataFrame, rules: Mapping[str, Any]) -> list[Marginal]:
     if nearest.empty:
         return []
     rows = []
-    for arm in ARMS:
+    for arm in COMPARED:
         own = drives[drives['arm'] == arm].set_index('task')
         # the prior of the baseline's weights: those of tasks alone depend on what the MPCC showed
         names = [name for name in own if name.startswith(('tolerances.', 'priorities.'))]
-        if arm == ARMS[0]:
+        if arm == COMPARED[0]:
             names += [name for name in PARAMETERS if name in own]
         for name in names:
             before, after = own[name], own.loc[nearest, name]

@@ -10,26 +10,11 @@ import pandas as pd
 from rich.console import Console
 
 from bags.command_line import print_paths, print_text
-from bags.errors import BagError
 from bags.figures import style
-from experiments.decisive import analysis, exchange, figures, picture, verdicts
-from experiments.decisive.analysis import Results
-from experiments.decisive.arms import FACTORIAL
+from experiments.decisive import analysis, exchange, figures, picture, run, verdicts
 from experiments.families.lane_change_task import DEMAND
 
-TABLES = ('tuned', 'trials', 'drives', 'picture')
 TEXT = 'decided.txt'
-
-
-def analyse(plan: Mapping[str, Any], tables: Mapping[str, pd.DataFrame]) -> Results:
-    """Return the estimates and verdicts of the replicates in the table `drives`."""
-    drives = tables['drives']
-    # drives of searches have no values of their tasks
-    whole = {'stratum': int, 'latency_ms': int}
-    judged = drives[drives['judged']].infer_objects().astype(whole)
-    is_factorial = judged['arm'].str.startswith(FACTORIAL)
-    rules = verdicts.read_rules(plan)
-    return analysis.analyse(judged[~is_factorial], judged[is_factorial], rules)
 
 
 def typical(plan: Mapping[str, Any], tuned: pd.DataFrame, arm: str) -> pd.Series:
@@ -37,16 +22,13 @@ def typical(plan: Mapping[str, Any], tuned: pd.DataFrame, arm: str) -> pd.Series
 
     In shares of the logarithm of each range, by the sum of squares.
     """
-    rows = tuned[tuned['arm'] == arm].set_index('replicate').dropna(axis=1)
-    ranges = {name: ends for name, ends in plan['search']['ranges'].items() if name in rows}
+    own = tuned[tuned['arm'] == arm].set_index('replicate').dropna(axis=1)
+    ranges = {name: ends for name, ends in plan['search']['ranges'].items() if name in own}
     shares = pd.DataFrame(
-        {
-            name: np.log(rows[name] / low) / np.log(high / low)
-            for name, (low, high) in ranges.items()
-        }
+        {name: np.log(own[name] / low) / np.log(high / low) for name, (low, high) in ranges.items()}
     )
     nearest = ((shares - shares.median()) ** 2).sum(axis=1).idxmin()
-    return rows.loc[nearest, list(ranges)].rename(nearest)
+    return own.loc[nearest, list(ranges)].rename(nearest)
 
 
 def write(plan: Mapping[str, Any], folder: Path, out: Path, console: Console) -> None:
@@ -54,8 +36,8 @@ def write(plan: Mapping[str, Any], folder: Path, out: Path, console: Console) ->
 
     Raises BagError for a folder without the tables.
     """
-    tables = {name: _read(folder / f'{name}.parquet') for name in TABLES}
-    results = analyse(plan, tables)
+    tables = {name: run.read(folder, name) for name in (*run.TABLES, run.PICTURE)}
+    results = analysis.analyse(plan, tables['drives'])
     errors = tables['drives']['error'].ne('').sum()
     lines = [
         f'{len(tables["drives"]):,} drives, {errors} of them without a result: not avoided',
@@ -87,25 +69,16 @@ def explain(plan: Mapping[str, Any], folder: Path, out: Path, console: Console) 
     In the replicate whose MPCC is nearest to the median. Raises BagError for a folder without the
     tables, and where both avoid the same tasks.
     """
-    tables = {name: _read(folder / f'{name}.parquet') for name in ('tuned', 'drives')}
+    tables = {name: run.read(folder, name) for name in ('tuned', 'drives')}
     exchanged = exchange.explain(plan, tables, int(typical(plan, tables['tuned'], 'mpcc').name))
     lines = [
-        f'replicate {exchanged.replicate}, task {exchanged.task}: {exchanged.avoids} alone avoids'
+        f'replicate {exchanged.replicate}, task {exchanged.task}: {exchanged.avoids} alone avoids',
+        f'shift of the planned lateral position {exchange.AHEAD_S:g} s ahead, rms [m]',
+        *(f'  {name:24}{size:.3f}' for name, size in exchanged.sizes().items()),
     ]
-    lines.append(f'shift of the planned lateral position {exchange.AHEAD_S:g} s ahead, rms [m]')
-    lines += [f'  {name:24}{size:.3f}' for name, size in exchanged.sizes().items()]
     print_text(console, '\n'.join(lines))
     folder = out / 'figures'
     folder.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context(style.RC):
         paths = style.save_figure(figures.draw_exchange(exchanged), folder / 'exchange')
     print_paths(console, {'figure': paths[0]})
-
-
-def _read(path):
-    try:
-        return pd.read_parquet(path)
-    except OSError as error:
-        raise BagError(
-            f'{path}: {error.strerror or "cannot be read"}; `experiments study run` writes it'
-        ) from None

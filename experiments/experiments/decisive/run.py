@@ -1,16 +1,19 @@
 """Drive the study, replicate by replicate, and keep every row.
 
-`folder`/replicate_NN has the records of its drives, so that an interrupted call goes on. When a
-replicate has ended, its tables are written beside them; those of all are in `folder` at the end:
+`folder`/replicate_NN has the records of the drives of a replicate, so that an interrupted call goes
+on, and its tables when it has ended, until `pack` adds them to those of the study in `folder`:
 
 tuned.parquet    the weights that each search has chosen, and their cost
 trials.parquet   every point of the searches
 drives.parquet   every drive: those that judge (`judged`), and those of the searches
 picture.parquet  the draws from which the nearest to the paper's picture are taken
+
+Only these are decided: nobody looks at a study that goes on.
 """
 
 import json
 import os
+import shutil
 import time
 from collections.abc import Iterable, Mapping
 from functools import partial
@@ -23,18 +26,19 @@ import yaml
 
 from bags.errors import BagError
 from experiments import code_version
-from experiments.decisive import arms, outcome, picture, report, search
-from experiments.decisive.driver import Driver
+from experiments.decisive import analysis, arms, outcome, picture, search
+from experiments.decisive.arms import COMPARED
+from experiments.decisive.outcome import Driver
+from experiments.decisive.plan import FILE
 from experiments.drive_records import DriveRecords
 from experiments.pool import Pool
 from experiments.progress import CountProgress
 from node_runtime import provenance
 
-# what decides the rows in a folder, and the plan as it was read
-ORIGIN, PLAN = 'origin.json', 'study.yaml'
+ORIGIN = 'origin.json'  # what decides the rows in a folder
+TABLES = ('tuned', 'trials', 'drives')  # by replicate
+PICTURE = 'picture'
 ROOTS = (*code_version.ROOTS, __name__)
-PART = 'replicate_{:02}'
-TABLES = ('tuned', 'trials', 'drives')
 Plan = Mapping[str, Any]
 
 
@@ -43,26 +47,29 @@ def run(
 ) -> None:
     """Drive replicates until the rule of the plan stops them, or a number; then the picture.
 
-    Writes the tables of all. Raises BagError while another program drives them, and for a folder
-    with rows of another plan or another version of the code.
+    Writes the tables of all; where nothing is missing nothing is driven. Raises BagError while
+    another program drives them, for a folder with rows of another plan, and before a drive for one
+    with rows of another version of the code.
     """
-    _check_origin(plan, folder)
-    number, is_over = 0, False
+    _check_origin(plan, folder, driving=False)
+    kept, number, is_over = packed(folder, TABLES[-1]), 0, False
     while not is_over:
         number += 1
-        part = folder / PART.format(number)
-        if not (part / 'drives.parquet').is_file():
+        part = part_of(folder, number)
+        if number not in kept and not (part / f'{TABLES[-1]}.parquet').is_file():
+            _check_origin(plan, folder)
             replicate(plan, number, part, pool, progress)
-        tables = {name: _collect(folder, name, number) for name in TABLES}
         is_over = number >= (replicates or plan['stop']['cap'])
         if not replicates and number >= plan['stop']['from']:
-            is_over = is_over or report.analyse(plan, tables).stop.startswith('stop')
-    with DriveRecords(folder / 'picture') as records:
-        driver = Driver(records, pool, progress)
-        picture.drive(plan, driver)
-    tables['picture'] = pd.DataFrame(driver.lines)
-    for name, table in tables.items():
-        _write(table, folder / f'{name}.parquet')
+            drives = collect(folder, 'drives', number).query('replicate <= @number')
+            is_over = is_over or analysis.stop(plan, drives).startswith('stop')
+    if not (folder / f'{PICTURE}.parquet').is_file():
+        _check_origin(plan, folder)
+        with DriveRecords(folder / PICTURE) as records:
+            driver = Driver(records, pool, progress)
+            picture.drive(plan, driver)
+        write(pd.DataFrame(driver.lines), folder, PICTURE)
+    pack(folder, number)
 
 
 def replicate(plan: Plan, number: int, folder: Path, pool: Pool, progress: CountProgress) -> None:
@@ -77,14 +84,14 @@ def replicate(plan: Plan, number: int, folder: Path, pool: Pool, progress: Count
         trials = {arm: search_arm(plan, arm, seed, driver) for arm in plan['tuned']}
         tuned = {arm: points[-1] for arm, points in trials.items()}
         _judge(plan, number, {arm: trial.weights for arm, trial in tuned.items()}, driver)
-    frames = {
-        'tuned': as_frame((arm, trial) for arm, trial in tuned.items()),
-        'trials': as_frame((arm, trial) for arm, points in trials.items() for trial in points),
-        'drives': pd.DataFrame(driver.lines),
-    }
-    for name, frame in frames.items():
+    frames = (
+        as_frame(tuned.items()),
+        as_frame((arm, trial) for arm, points in trials.items() for trial in points),
+        pd.DataFrame(driver.lines),
+    )
+    for name, frame in zip(TABLES, frames):
         frame.insert(0, 'replicate', number)
-        _write(frame, folder / f'{name}.parquet')
+        write(frame, folder, name)
     count = len(driver.lines)
     progress.print_line(
         f'replicate {number}: {count:,} drives in {time.monotonic() - begin_s:.0f} s, cost '
@@ -109,15 +116,14 @@ def as_frame(trials: Iterable[tuple[str, search.Trial]]) -> pd.DataFrame:
 
 
 def _costs(plan, arm, seed, driver, points, begin, end):
-    rows = [
+    driven = [
         arms.row(
-            *(plan, arm, arms.settings(plan, arm, {arm: weights}), seed, index),
-            labels=tuple(weights.items()),
+            plan, arm, arms.settings(plan, arm, {arm: weights}), seed, index, labels=weights.items()
         )
         for weights in points
         for index in range(begin, end)
     ]
-    outcomes = driver.drive(rows, judged=False)
+    outcomes = driver.drive(driven, judged=False)
     costs = [outcome.cost(values, plan['search']['cost']) for values in outcomes]
     return np.reshape(costs, (len(points), end - begin))
 
@@ -125,41 +131,35 @@ def _costs(plan, arm, seed, driver, points, begin, end):
 def _judge(plan, number, tuned, driver):
     """Drive the fresh tasks: the arms, further starts, and the factorial where both avoid."""
     seed, total = plan['seeds']['judged'] + number, plan['judged_tasks']
-    chosen = {
-        arm: arms.settings(plan, arm, tuned)
-        for arm in (*plan['tuned'], *plan['derived'], *arms.combinations(plan))
-    }
     tasks = [arms.task_values(seed, index) for index in range(total)]
 
-    def rows(arm, indices, start=0):
-        return [
-            arms.row(plan, arm, chosen[arm], seed, index, start, tuple(tasks[index].items()))
-            for index in indices
-        ]
+    def judge(arm, indices, start=0):
+        """Return which of some tasks an arm avoids."""
+        chosen = arms.settings(plan, arm, tuned)
+        driven = [arms.row(plan, arm, chosen, seed, k, start, tasks[k].items()) for k in indices]
+        return [values['avoided'] for values in driver.drive(driven, judged=True)]
 
     avoided = {}
     for arm in (*plan['tuned'], *plan['derived']):
         count = plan['derived'].get(arm, {}).get('tasks', total)
-        judged = driver.drive(rows(arm, range(min(count, total))), judged=True)
-        avoided[arm] = [values['avoided'] for values in judged]
+        avoided[arm] = judge(arm, range(min(count, total)))
     starts = plan['starts']
-    for arm in ('mpcc', 'frenet'):
+    for arm in COMPARED:
         for start in range(1, starts['count'] + 1):
-            driver.drive(rows(arm, range(min(starts['tasks'], total)), start), judged=True)
-    both = [index for index in range(total) if avoided['mpcc'][index] and avoided['frenet'][index]]
+            judge(arm, range(min(starts['tasks'], total)), start)
+    both = [k for k in range(total) if all(avoided[arm][k] for arm in COMPARED)]
     for arm in arms.combinations(plan):
-        driver.drive(rows(arm, both[: plan['factorial_tasks']]), judged=True)
+        judge(arm, both[: plan['factorial_tasks']])
 
 
-def _collect(folder, name, count):
-    files = [folder / PART.format(number) / f'{name}.parquet' for number in range(1, count + 1)]
-    return pd.concat([pd.read_parquet(file) for file in files], ignore_index=True)
+def _check_origin(plan, folder, driving=True):
+    """Compare what decides the rows in a folder with what is kept of it, or keep it.
 
-
-def _check_origin(plan, folder):
-    """Keep what decides the rows in a folder, or compare it with what is kept."""
+    Where nothing is driven that is the plan alone, and nothing is kept.
+    """
     file = folder / ORIGIN
-    own = {'plan': provenance.digest(yaml.safe_dump(plan)), **code_version.describe(ROOTS)}
+    own = {'plan': provenance.digest(yaml.safe_dump(plan))}
+    own |= code_version.describe(ROOTS) if driving else {}
     if file.is_file():
         kept = json.loads(file.read_text())
         others = [name for name in own if kept.get(name) != own[name]]
@@ -168,15 +168,69 @@ def _check_origin(plan, folder):
                 f'{file}: {", ".join(others)}: differs from that of the rows in this folder, which '
                 'must not be mixed with others; give another --out'
             )
-        return
-    folder.mkdir(parents=True, exist_ok=True)
-    file.write_text(json.dumps(own, indent=2) + '\n')
-    if not (folder / PLAN).exists():
-        (folder / PLAN).write_text(yaml.safe_dump(plan, sort_keys=False))
+    elif driving:
+        folder.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(own, indent=2) + '\n')
+        if not (folder / FILE).exists():
+            (folder / FILE).write_text(yaml.safe_dump(plan, sort_keys=False))
 
 
-def _write(frame, path):
+def part_of(folder: Path, number: int) -> Path:
+    """Return the folder of a replicate."""
+    return folder / f'replicate_{number:02}'
+
+
+def read(folder: Path, name: str) -> pd.DataFrame:
+    """Return a table of a study. Raises BagError for a folder without it."""
+    path = folder / f'{name}.parquet'
+    try:
+        return pd.read_parquet(path)
+    except OSError as error:
+        raise BagError(
+            f'{path}: {error.strerror or "cannot be read"}; `experiments study run` writes it when '
+            'the study has ended'
+        ) from None
+
+
+def packed(folder: Path, name: str) -> set[int]:
+    """Return the replicates in a table of a study, none where there is no table."""
+    path = folder / f'{name}.parquet'
+    return (
+        set(pd.read_parquet(path, columns=['replicate'])['replicate']) if path.is_file() else set()
+    )
+
+
+def collect(folder: Path, name: str, count: int) -> pd.DataFrame:
+    """Return the rows of a table, and those of replicates 1 to `count` that are not in it yet."""
+    kept = packed(folder, name)
+    folders = [folder] if kept else []
+    folders += [part_of(folder, number) for number in range(1, count + 1) if number not in kept]
+    return pd.concat([read(own, name) for own in folders], ignore_index=True)
+
+
+def pack(folder: Path, count: int) -> None:
+    """Put the rows of replicates 1 to `count` into the tables, and remove their folders.
+
+    An interrupted call is made good by the next one.
+    """
+    parts = [own for number in range(1, count + 1) if (own := part_of(folder, number)).is_dir()]
+    for name in TABLES if parts else ():
+        write(collect(folder, name, count), folder, name)
+    for own in parts:
+        shutil.rmtree(own)
+
+
+def write(frame: pd.DataFrame, folder: Path, name: str) -> None:
     """Write a table, whole or not at all."""
-    part = path.with_suffix('.part')
-    frame.to_parquet(part, compression='zstd')
-    os.replace(part, path)
+    # numbers that hardly repeat take a fifth less, byte by byte, than in a dictionary
+    counts = frame.select_dtypes('float').agg(['nunique', 'count'])
+    split = [column for column, (kinds, size) in counts.items() if 2 * kinds > size]
+    path = folder / f'{name}.parquet'
+    frame.to_parquet(
+        path.with_suffix('.part'),
+        compression='zstd',
+        compression_level=19,
+        use_dictionary=[column for column in frame if column not in split],
+        column_encoding=dict.fromkeys(split, 'BYTE_STREAM_SPLIT'),
+    )
+    os.replace(path.with_suffix('.part'), path)

@@ -87,6 +87,14 @@ def factorial(effects, replicates=3, tasks=30, noise=0.1, seed=2):
     return pd.DataFrame(rows, columns=['replicate', 'task', 'arm', 'avoided', *names])
 
 
+def study(drives, exchanged=None):
+    """Drives of arms and of the factorial as one table, as a study keeps them."""
+    parts = [drives] if exchanged is None else [drives, exchanged.assign(start=0)]
+    table = pd.concat(parts, ignore_index=True).assign(judged=True, error='')
+    known = table.fillna({'stratum': 0, 'latency_ms': 0, 'compensated': False})
+    return known.astype({'compensated': bool})
+
+
 def trials(arms=('mpcc', 'frenet', 'mpcc_heading'), replicates=10, seed=3):
     """Points of searches whose costs fall."""
     rng = np.random.default_rng(seed)

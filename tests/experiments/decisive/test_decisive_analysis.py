@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 import synthetic
 from scipy.stats import ttest_1samp
-from synthetic import RULES
+from synthetic import PLAN, RULES
 
 from bags.errors import BagError
 from experiments.decisive import analysis, figures, report
@@ -112,8 +112,7 @@ def test_the_study_stops_by_widths_and_number_alone(replicates, widths, stops):
 def test_who_stops_does_not_depend_on_the_direction_of_the_difference():
     table = synthetic.judged(12, 60)
     turned = table.assign(arm=table['arm'].map({'mpcc': 'frenet', 'frenet': 'mpcc'}))
-    none = synthetic.factorial({}, 1, 0)
-    results = [analysis.analyse(rows, none, RULES) for rows in (table, turned)]
+    results = [analysis.analyse(PLAN, synthetic.study(rows)) for rows in (table, turned)]
     assert results[0].stop == results[1].stop
     gaps = [only(r.gaps, name='mpcc - frenet', group='all').estimate for r in results]
     assert gaps[0].mean == pytest.approx(-gaps[1].mean)
@@ -137,8 +136,8 @@ def test_the_win_balance_by_hand():
 
 
 def test_the_balance_is_the_sum_of_what_avoidance_and_what_both_avoided_make_of_it():
-    results = analysis.analyse(synthetic.judged(3, 100), synthetic.factorial({}, 1, 0), RULES)
-    for what in analysis.BETTER:
+    results = analysis.analyse(PLAN, synthetic.study(synthetic.judged(3, 100)))
+    for what in analysis.QUANTITIES:
         whole, *parts = (
             only(results.balances, what=what, group=group).estimate.mean
             for group in ('balance', 'by avoidance', 'where both avoid')
@@ -148,7 +147,7 @@ def test_the_balance_is_the_sum_of_what_avoidance_and_what_both_avoided_make_of_
 
 def test_the_gap_is_the_mean_over_replicates_of_paired_differences():
     table = synthetic.judged(4, 100, starts=1)
-    result = analysis.analyse(table, synthetic.factorial({}, 1, 0), RULES)
+    result = analysis.analyse(PLAN, synthetic.study(table))
     own = table[table['start'] == 0].groupby(['arm', 'replicate'])['avoided'].mean()
     by_hand = own['mpcc'] - own['frenet']
     gap = only(result.gaps, group='all').estimate
@@ -156,7 +155,7 @@ def test_the_gap_is_the_mean_over_replicates_of_paired_differences():
     assert {row.name for row in result.unsteady} == {'mpcc', 'frenet'}
     lacking = table.drop(table[(table['arm'] == 'mpcc') & (table['task'] == 3)].index)
     with pytest.raises(BagError, match='same tasks'):
-        analysis.analyse(lacking, synthetic.factorial({}, 1, 0), RULES)
+        analysis.analyse(PLAN, synthetic.study(lacking))
 
 
 def test_the_limit_demand_is_that_of_the_law_and_its_ratio_has_an_interval():
@@ -235,7 +234,7 @@ def test_every_figure_is_drawn_at_its_width_and_the_text_names_every_estimand(tm
 
     limits = {**synthetic.S50, **synthetic.OTHERS}
     table = synthetic.judged(3, 120, limits, starts=1)
-    results = analysis.analyse(table, synthetic.factorial({(0,): 0.2}), RULES)
+    results = analysis.analyse(PLAN, synthetic.study(table, synthetic.factorial({(0,): 0.2})))
     text = analysis.to_text(results)
     assert all(f'\n{name}\n' in text for name in results._fields[2:])
     paths = figures.write_all(
