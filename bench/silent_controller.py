@@ -87,7 +87,7 @@ def is_safe(setup: Setup, step: Step, plan: StopPlan | None, why: Why) -> bool:
     plant_side = LockstepStepper(car, RunEnd(inputs.stop_params(scn), car.now))
     tracks, obstacles = [car.now, plant_side.tick(step.record.command)], [step.obstacles]
     if plan is not None:
-        plant_side.stop.read_plan = lambda: plan
+        plant_side.stop.keep(plan.stamp_ns, lambda: plan)
     while not plant_side.outcome and len(tracks) < MOST_TICKS:
         tracks.append(plant_side.tick_without_controller())
         t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S

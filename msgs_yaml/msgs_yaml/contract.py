@@ -131,6 +131,7 @@ class _Topic(Struct):
     qos: dict[Literal[MODES], str]
     fields: dict[str, Field] = field(default_factory=dict)
     sizes: dict[str, tuple[_Count, _Count]] = field(default_factory=dict)
+    held_s: Annotated[float, Range(0.0, 1.0, 's')] = 0.0  # 0: the next message replaces the last
 
     def faults(self) -> _Fault:
         """Yield what is wrong beyond the single fields."""

@@ -295,7 +295,7 @@ class Sight(Struct):
     deceleration_mps2: Deceleration = 5.0
     hidden_by_obstacles: bool = False  # whether an obstacle hides others behind it
     # the desired speed is bounded so that the car can stop for who comes out from behind a standing
-    # obstacle at so much, or is there first; 0: nobody does
+    # obstacle at so much, or has passed before; 0: nobody does
     emerging_mps: ActorSpeed = 0.0
 
 

@@ -20,6 +20,7 @@ from scenario_publisher.plausibility import CAR_RADIUS
 from scenario_publisher.schema import KeyedError
 
 FRONT = 2.5  # m from the centre of gravity to the front of a car
+LENGTH = 5.0  # m, of a car
 MARGIN = 0.5  # m that it leaves to who comes out
 PERSON = 0.3  # m, radius of who comes out
 ACCELERATION = 2.0  # m/s^2 behind: controllers do not follow a short dip of the desired speed
@@ -75,30 +76,47 @@ def bound_speed(sight: Sight, speed: np.ndarray, crowd: Sequence[Actor]) -> np.n
     """
     s, range_ = sight.path.s, np.interp(sight.path.s, *sight.table.T)
     safe = stopping_speed(sight.share * range_, sight.reaction, sight.deceleration)
+    wanted = np.minimum(np.interp(s, *speed.T), _changed_within(safe, s, sight.deceleration))
     if sight.emerging:
         hiding = [disc.obstacle for a in crowd if actors.stays(a) for disc in a.discs]
-        safe = np.minimum(safe, _emerging_bound(sight, float(np.max(speed[:, 1])), _rows(hiding)))
+        wanted = _bound_by_emerging(sight, wanted, _rows(hiding))
+    return np.column_stack([s, wanted])
+
+
+def _changed_within(speed, s, deceleration, acceleration=np.inf):
+    """Return the largest speeds (n,) up to those that change by no more than this along s (n,)."""
     # v^2 + 2 b s: that of a car that brakes stays the same
-    energy = safe**2 + 2.0 * sight.deceleration * s
-    least = np.minimum.accumulate(energy[::-1])[::-1] - 2.0 * sight.deceleration * s
-    return np.column_stack([s, np.minimum(np.interp(s, *speed.T), np.sqrt(least))])
+    loss = 2.0 * deceleration * s
+    square = np.minimum.accumulate((speed**2 + loss)[::-1])[::-1] - loss
+    if np.isfinite(acceleration):
+        gain = 2.0 * acceleration * s
+        square = np.minimum.accumulate(square - gain) + gain
+    return np.sqrt(square)
 
 
-def _emerging_bound(sight, fastest, discs):
-    """Return the speeds [m/s] (n,) from which the car stops for who comes out, or is there first.
+def _bound_by_emerging(sight, wanted, discs):
+    """Return the largest speeds (n,) up to the wanted ones [m/s] that are safe for who comes out.
 
-    Who is hidden at an offset needs the time t until the way of the car. At a speed v with
-    v reaction + v^2 / (2 b) <= v t the front of the car is there first wherever it cannot stop any
-    more. Who walks on then, into its side, is not accounted for.
+    Somebody hidden at a place is in the way of the car after the time T, from when its front is d
+    before that place. With the reaction time t, the deceleration b and the margin c, the car
+
+    - stops before them from v t + v^2 / (2 b) + c <= d, that is v <= `stopping_speed(d - c)`, or
+    - has passed them with its whole length L, at the speed that it has, from v T >= d + L.
+
+    Safe are all up to the first speed and all from the second one on; none between, and so a speed
+    between becomes the first one. One that is to be safe at every d has to pass from where it does
+    not stop any more, v T >= v t + v^2 / (2 b) + c + L: between the roots of that, if it has any.
     """
     path, b = sight.path, sight.deceleration
+    fastest = float(np.max(wanted))
     reach = FRONT + MARGIN + fastest * sight.reaction + fastest**2 / (2.0 * b)
+    # who needs longer is passed at every speed v: T = t + v / (2 b) + (c + L) / v, which is convex
+    slowest = min(SPEED.low, fastest)
+    last = max(v / (2.0 * b) + (MARGIN + LENGTH) / v for v in (slowest, fastest))
     beside = CAR_RADIUS + PERSON
-    # from farther aside nobody is in time
-    aside = beside + sight.emerging * (sight.reaction + fastest / (2.0 * b))
+    aside = beside + sight.emerging * (sight.reaction + last)
     offset = np.arange(0.0, aside, STEP)
-    t = np.maximum(offset - beside, 0.0) / sight.emerging
-    past = 2.0 * b * np.maximum(t - sight.reaction, 0.0)
+    in_way_s = np.maximum(offset - beside, 0.0) / sight.emerging
     frame = Frame(path.X[:, None], path.Y[:, None], path.psi[:, None])
     X, Y = lines.offset_point(frame, np.array([-1.0, 1.0])[:, None, None] * offset)
     taken = np.zeros(X.shape, dtype=bool)
@@ -106,18 +124,29 @@ def _emerging_bound(sight, fastest, discs):
         taken |= np.hypot(X - cX, Y - cY) < radius + PERSON
     # who is behind an obstacle, seen from the path, has to come out in front of it
     can_come = ~np.logical_or.accumulate(taken, axis=-1)
-    bound = np.full(len(path.s), np.inf)
+    gaps = [np.empty((3, 0))]  # of speeds: index of the station, above, below
     for i, here in enumerate(path.s):
         car = path.X[i], path.Y[i]
         near = discs[np.hypot(*(discs[:, :2] - car).T) < np.hypot(reach, aside) + discs[:, 2]]
         rows = slice(*np.searchsorted(path.s, [here + FRONT, here + reach]))
         if len(near) and rows.start < rows.stop:
-            gap = np.maximum(path.s[rows] - here - FRONT - MARGIN, 0.0)
-            allowed = np.maximum(stopping_speed(gap, sight.reaction, b)[:, None], past)
-            hidden = can_come[:, rows] & hidden_places(car, X[:, rows], Y[:, rows], near)
-            bound[i] = np.min(np.broadcast_to(allowed, hidden.shape), where=hidden, initial=np.inf)
-    gain = 2.0 * ACCELERATION * path.s
-    return np.sqrt(np.minimum.accumulate(np.maximum(bound, SPEED.low) ** 2 - gain) + gain)
+            d = (path.s[rows] - here - FRONT)[:, None]
+            stops = stopping_speed(np.maximum(d - MARGIN, 0.0), sight.reaction, b)
+            stops = np.maximum(stops, SPEED.low)
+            counts = can_come[:, rows] & (d + LENGTH > stops * in_way_s)
+            counts[counts] = hidden_places(car, X[:, rows][counts], Y[:, rows][counts], near)
+            row, place = np.nonzero(counts)[1:]
+            with np.errstate(divide='ignore'):
+                passes = (d[row, 0] + LENGTH) / in_way_s[place]
+            gaps.append(np.array([np.full(len(row), i), stops[row, 0], passes]))
+    station, stops, passes = np.hstack(gaps)
+    station, bound = station.astype(int), np.full(len(wanted), np.inf)
+    while True:  # the braking before a place may bring a speed between those of another one
+        speed = np.minimum(wanted, _changed_within(bound, path.s, b, ACCELERATION))
+        between = (speed[station] > stops + 1e-9) & (speed[station] < passes)
+        if not between.any():
+            return speed
+        np.minimum.at(bound, station[between], stops[between])
 
 
 def hidden_places(
@@ -145,42 +174,52 @@ def seen(
     What is within the range of the car, or behind it, and not hidden by another obstacle.
     """
     present = tuple(obstacles)
-    here = _station(sight, *car)
+    here, last = _station(sight, *car), float(sight.path.s[-1])
     end = here + float(np.interp(here, *sight.table.T))
-    within = (
-        o
-        for o in present
-        if min(_station(sight, o.X + x, o.Y + y) for x, y in ((0.0, 0.0), *o.others))
-        <= end + o.r_obs
-    )
-    return tuple(o for o in within if not (sight.hides and is_hidden(car, o, present)))
+    shown = present
+    if end < last:  # a station is found in tens of microseconds
+        places = ((o, ((0.0, 0.0), *o.others)) for o in present)
+        shown = (
+            o
+            for o, discs in places
+            if min(_station(sight, o.X + x, o.Y + y) for x, y in discs) <= end + o.r_obs
+        )
+    hidden = _hidden(car, present, present) if sight.hides else {}
+    return tuple(o for o in shown if o.id not in hidden)
 
 
 def is_hidden(car: tuple[float, float], obstacle: Obstacle, present: Iterable[Obstacle]) -> bool:
     """Return whether others of `present` hide every disc of an obstacle from a car at (X, Y)."""
-    discs = _rows([disc for o in present if o.id != obstacle.id for disc in o.discs()])
-    return all(_is_disc_hidden(car, disc, discs) for disc in _rows(obstacle.discs()))
+    return obstacle.id in _hidden(car, (obstacle,), present)
 
 
-def _is_disc_hidden(car, disc, others):
-    """Return whether the angle that a disc takes up is covered by those of nearer discs.
+def _hidden(car, obstacles, present):
+    """Return the ids of the obstacles of which every disc is hidden by others of `present`.
 
-    Of two discs apart from each other the one with the shorter tangent is nearer: their radical
-    axis is between them, and all rays from the car cross it in one direction.
+    A disc is hidden where the angle that it takes up is covered by those of nearer discs. Of two
+    discs apart from each other the one with the shorter tangent is nearer: their radical axis is
+    between them, and all rays from the car cross it in one direction.
     """
-    (cX, cY), radius = disc[:2] - car, disc[2]
-    oX, oY = (others[:, :2] - car).T
-    own, theirs = cX**2 + cY**2 - radius**2, oX**2 + oY**2 - others[:, 2] ** 2
-    nearer = (theirs > 0.0) & (theirs < own)
-    turn = np.arctan2(cX * oY - cY * oX, cX * oX + cY * oY)[nearer]
-    half = np.arcsin(others[nearer, 2] / np.hypot(oX, oY)[nearer])
-    end = np.arctan2(radius, np.sqrt(max(own, 0.0)))
-    covered = -end
-    for low, high in sorted(zip(turn - half, turn + half)):
-        if low > covered:
-            break
-        covered = max(covered, high)
-    return bool(covered >= end)
+    (own_id, (cX, cY), radius), (ids, (oX, oY), radii) = (
+        (np.array([d.id for d in discs]), (_rows(discs)[:, :2] - car).T, _rows(discs)[:, 2])
+        for discs in ([d for o in some for d in o.discs()] for some in (obstacles, present))
+    )
+    own, theirs = cX**2 + cY**2 - radius**2, oX**2 + oY**2 - radii**2
+    nearer = (theirs > 0.0) & (theirs < own[:, None]) & (ids != own_id[:, None])
+    across, along = np.outer(cX, oY) - np.outer(cY, oX), np.outer(cX, oX) + np.outer(cY, oY)
+    turn, half = np.arctan2(across, along), np.arcsin(radii / np.maximum(np.hypot(oX, oY), radii))
+    low = np.where(nearer, turn - half, np.inf)
+    end = np.arctan2(radius, np.sqrt(np.maximum(own, 0.0)))
+    # in the order of their beginnings, from the beginning of the disc on, until a gap
+    order = np.argsort(low, axis=1)
+    low, high = (
+        np.take_along_axis(values, order, axis=1)
+        for values in (low, np.where(nearer, turn + half, -np.inf))
+    )
+    reached = np.maximum.accumulate(np.column_stack([-end, high]), axis=1)
+    joined = np.logical_and.accumulate(low <= reached[:, :-1], axis=1)
+    covered = np.max(high, axis=1, where=joined, initial=-np.inf)
+    return {*own_id.tolist()} - {*own_id[covered < end].tolist()}
 
 
 def _rows(discs):

@@ -76,7 +76,8 @@ def stopped(step, setup, plan):
     car = step.car.fork()
     plant_side = LockstepStepper(car, RunEnd(inputs.stop_params(setup.scn), car.now))
     tracks = [plant_side.tick(step.record.command)]
-    plant_side.stop.read_plan = None if plan is None else lambda: plan
+    if plan is not None:
+        plant_side.stop.keep(plan.stamp_ns, lambda: plan)
     while not plant_side.outcome:
         tracks.append(plant_side.tick_without_controller())
     return [state for track in tracks for state in track.states()[::10]]

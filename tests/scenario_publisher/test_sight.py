@@ -147,6 +147,10 @@ def test_a_mistake_is_named(old, new, error):
         scenario.parse(ROAD.replace(old, new).replace('STOP', ''), 'crest.yaml')
 
 
+HIDES = ROAD[: ROAD.index('sight:')] + 'sight: {hidden_by_obstacles: true}'
+VIEW = scenario.parse(HIDES, 'hides.yaml').sight
+
+
 def discs(least, most):
     """Discs around a car at the origin: direction, distance of the nearest point, radius."""
     one = st.tuples(st.floats(-math.pi, math.pi), st.floats(0.1, 40.0), st.floats(0.2, 4.0))
@@ -187,6 +191,7 @@ def test_an_obstacle_is_hidden_where_every_ray_to_it_meets_another_one_first(pol
     met = {first_hit(obstacles, phi) for phi in rays}
     shown = {o.id for o in obstacles if not sight.is_hidden((0.0, 0.0), o, obstacles)}
     assert shown == met - {None}
+    assert {o.id for o in sight.seen(VIEW, (0.0, 0.0), obstacles)} == shown
 
 
 @settings(max_examples=100)
@@ -273,13 +278,13 @@ def test_who_comes_out_faster_or_from_nearer_makes_the_car_slower(emerging, besi
     nearer = speeds(behind_van(emerging, beside - 0.2))[1]
     assert np.all(faster <= v + 1e-9)
     assert np.all(nearer <= v + 0.2)  # of round corners another part is hidden
-    assert np.mean(speeds(behind_van(emerging / 4, 1.5))[1]) > np.mean(v) + 0.2
+    assert np.mean(speeds(behind_van(emerging / 4, 1.5))[1]) > np.mean(v) + 0.1
 
 
 @settings(max_examples=6)
 @given(st.floats(0.7, 4.0), st.floats(0.5, 1.5))
-def test_a_car_at_the_desired_speed_stops_for_who_was_hidden_or_is_past(emerging, beside):
-    """They begin to walk when it is at x; it brakes 0.5 s later with 5 m/s^2."""
+def test_a_car_at_the_desired_speed_stops_for_who_was_hidden_or_has_passed_them(emerging, beside):
+    """They begin to walk when it is at x; it brakes 0.5 s later with 5 m/s^2, or drives on."""
     scn = behind_van(emerging, beside)
     van = [(disc.obstacle.X, disc.obstacle.Y, 1.0) for disc in scn.actors[0].discs]
     t = np.arange(0.0, 6.0, 1e-3)
@@ -296,9 +301,9 @@ def test_a_car_at_the_desired_speed_stops_for_who_was_hidden_or_is_past(emerging
         way = front + np.cumsum(v) * 1e-3
         arrives = (-y - sight.PERSON - CAR_RADIUS) / emerging
         # what is between two places, across and along the path
-        is_past = np.interp(there, way, t, right=np.inf) <= arrives + sight.STEP / emerging
+        rear = x + sight.FRONT - sight.LENGTH + speed * (arrives + sight.STEP / emerging)
         stops = way[-1] < there + sight.MARGIN + 0.5
-        assert np.all(~hidden | is_past | stops)
+        assert np.all(~hidden | (rear >= there) | stops)
 
 
 def test_only_what_stands_all_the_time_bounds_the_speed():
@@ -314,5 +319,5 @@ def test_the_desired_speed_falls_no_faster_than_it_says_and_rises_slowly():
     a = np.diff(v**2) / (2 * np.diff(s))
     assert -5.1 < np.min(a) < -3.0
     # behind it does not drive on faster than a controller follows
-    assert np.max(a) == pytest.approx(sight.ACCELERATION, abs=0.05)
+    assert np.max(a) == pytest.approx(sight.ACCELERATION, abs=0.1)
     assert s[np.argmin(v)] == pytest.approx(50.0, abs=3.0)

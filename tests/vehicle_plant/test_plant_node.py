@@ -236,12 +236,13 @@ def test_a_run_that_fails_has_its_exit_code(answered, settings, code, level):
         assert controller.stamps('odometry')[-1] == START_NS + 10 * TICK_NS
 
 
-def test_a_silent_controller_is_replaced_by_the_plan_of_its_last_command():
+def run_until_silent(delta):
+    """Return exit code and controller of a run whose commands end; their plans steer by delta."""
     pubs = []
 
     def silent_later(stamp_ns):
         t = 0.05 * np.arange(4, 40)
-        plan = StopPlan(stamp_ns, t, 0.05 + 0 * t, -2000 - 0 * t, -1000 - 0 * t)
+        plan = StopPlan(stamp_ns, t, delta + 0 * t, -2000 - 0 * t, -1000 - 0 * t)
         if stamp_ns >= START_NS + 10 * TICK_NS:
             return None
         pubs[0].publish(encode.stop_plan(plan))
@@ -250,7 +251,19 @@ def test_a_silent_controller_is_replaced_by_the_plan_of_its_last_command():
     def with_plans(controller):
         pubs.append(ros.publisher(controller, '/controller/stop_plan'))
 
-    exit_code, controller = run(silent_later, before=with_plans, lockstep_timeout_s=1.0)
+    return run(silent_later, before=with_plans, lockstep_timeout_s=1.0)
+
+
+def test_the_log_says_once_why_a_plan_is_refused(capfd):
+    exit_code, controller = run_until_silent(0.6)
+    assert (exit_code, controller.healths[-1].level) == (3, 2)
+    reason = 'the plan is refused: steer is 0.6 rad, allowed -0.49 to 0.49'
+    assert controller.healths[-1].message.endswith(reason)
+    assert capfd.readouterr().err.count(reason) == 1
+
+
+def test_a_silent_controller_is_replaced_by_the_plan_of_its_last_command():
+    exit_code, controller = run_until_silent(0.05)
     assert exit_code == 3
     actuators = [
         decode.actuators(ros.deserialize('/vehicle/actuators', raw))

@@ -112,18 +112,24 @@ def plan_after(stamp_ns, delta=0.05, ticks=20):
     return StopPlan(stamp_ns, t, np.full(ticks, delta), -1500.0 - 100 * t, -900.0 + 0 * t)
 
 
-def silent_in_lockstep(params, read_plan, ticks):
+def silent_in_lockstep(params, plan, ticks):
     """Return a stepper after a command, a silence of some ticks, and the rows meanwhile."""
     loop = stepper(LockstepStepper, params)
     run(loop, 1, 0.02)
-    loop.stop.read_plan = read_plan
+    if plan is not None:
+        loop.stop.keep(*plan)
     rows = [loop.tick_without_controller().rows for _ in range(ticks)]
     return loop, np.concatenate(rows)
 
 
+def sent(plan, stamp_ns=START_NS):
+    """Return what a plant keeps of a plan."""
+    return stamp_ns, lambda: plan
+
+
 def test_a_plan_is_followed_with_the_bits_of_commands_then_braked_straight(params):
     plan = plan_after(START_NS)
-    loop, silent = silent_in_lockstep(params, lambda: plan, 23)
+    loop, silent = silent_in_lockstep(params, sent(plan), 23)
     assert loop.stop.message == BRAKING
     told = stepper(LockstepStepper, params)
     run(told, 1, 0.02)
@@ -136,7 +142,7 @@ def test_a_plan_is_followed_with_the_bits_of_commands_then_braked_straight(param
     told.car.brake_straight()
     driven.append(told.car.advance(None, TICK_STEPS).rows)
     assert silent.tobytes() == np.concatenate([*held, *driven]).tobytes()
-    messages = [silent_in_lockstep(params, lambda: plan, n)[0].stop.message for n in (2, 3, 22)]
+    messages = [silent_in_lockstep(params, sent(plan), n)[0].stop.message for n in (2, 3, 22)]
     assert messages == [HOLDING, FOLLOWING, FOLLOWING]
 
 
@@ -144,22 +150,29 @@ def unreadable():
     raise DecodeError('no such joint')
 
 
+REFUSED = f'{BRAKING}, the plan is refused:'
+
+
 @pytest.mark.parametrize(
-    ('read_plan', 'message'),
+    ('plan', 'message'),
     [
         (None, BRAKING),
-        (lambda: plan_after(START_NS - TICK_NS), BRAKING),
-        (lambda: plan_after(START_NS + TICK_NS), BRAKING),
-        (unreadable, f'{BRAKING}, the plan is refused: no such joint'),
+        (sent(plan_after(START_NS - TICK_NS), START_NS - TICK_NS), BRAKING),
+        (sent(plan_after(START_NS + TICK_NS), START_NS + TICK_NS), BRAKING),
+        ((START_NS, unreadable), f'{REFUSED} no such joint'),
         (
-            lambda: plan_after(START_NS, 0.6),
-            f'{BRAKING}, the plan is refused: steer is 0.6 rad, allowed -0.49 to 0.49',
+            sent(plan_after(START_NS, 0.6)),
+            f'{REFUSED} steer is 0.6 rad, allowed -0.49 to 0.49',
+        ),
+        (
+            sent(plan_after(START_NS)._replace(t=1.0 + np.arange(20))),
+            f'{REFUSED} it begins 1 s after its command, allowed up to 0.35 s',
         ),
     ],
-    ids=['none', 'older', 'newer', 'unreadable', 'impossible'],
+    ids=['none', 'older', 'newer', 'unreadable', 'impossible', 'late'],
 )
-def test_without_a_plan_that_can_be_followed_the_car_brakes_straight(params, read_plan, message):
-    loop, rows = silent_in_lockstep(params, read_plan, 10)
+def test_without_a_plan_that_can_be_followed_the_car_brakes_straight(params, plan, message):
+    loop, rows = silent_in_lockstep(params, plan, 10)
     assert loop.stop.message == message
     straight = stepper(LockstepStepper, params)
     run(straight, 1, 0.02)
@@ -237,7 +250,7 @@ def test_realtime_follows_a_plan_in_any_pieces_and_then_a_controller_that_return
     late, prompt = stepper(RealtimeStepper, params), stepper(RealtimeStepper, params)
     for loop in (late, prompt):
         loop.command(Command(START_NS, 0.02, 0.0, 0.0, 0.0))
-        loop.stop.read_plan = lambda: plan_after(START_NS)
+        loop.stop.keep(*sent(plan_after(START_NS)))
         step(loop, 151)  # now it is silent
     assert prompt.stop.message == FOLLOWING
     step(prompt, 299)
@@ -248,6 +261,51 @@ def test_realtime_follows_a_plan_in_any_pieces_and_then_a_controller_that_return
     assert (prompt.controller_gone, prompt.car.gate.rejected) == (False, 0)
     step(prompt, 140)
     assert prompt.car.actuators.delta == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_plan_that_is_due_later_is_awaited_under_the_held_command(params):
+    """As of a command that takes effect 130 ms late: its first set-points are due after 330 ms."""
+    plan = plan_after(START_NS)
+    loop = stepper(RealtimeStepper, params)
+    loop.command(Command(START_NS, 0.02, 0.0, 0.0, 0.0))
+    loop.stop.keep(*sent(plan._replace(t=plan.t + 0.13)))
+    step(loop, 151)
+    assert (loop.controller_gone, loop.stop.message) == (True, HOLDING)
+    step(loop, 129)  # until a tick before
+    assert loop.car.actuators.delta == pytest.approx(0.02, abs=1e-4)
+    step(loop, 1)
+    assert loop.stop.message == FOLLOWING
+    at_once, silent = silent_in_lockstep(params, sent(plan), 4)
+    late, held = silent_in_lockstep(params, sent(plan._replace(t=plan.t + 0.03)), 4)
+    assert len(held) == len(silent) == 4 * TICK_STEPS
+    assert at_once.stop.message == late.stop.message == FOLLOWING
+
+
+def test_the_plan_of_a_refused_command_does_not_replace_that_of_the_accepted_one(params):
+    loop = stepper(RealtimeStepper, params)
+    loop.command(Command(START_NS, 0.02, 0.0, 0.0, 0.0))
+    loop.stop.keep(*sent(plan_after(START_NS)))
+    for _ in range(3):
+        step(loop, TICK_STEPS)
+        stamp_ns = loop.car.stamp_ns
+        loop.command(Command(stamp_ns, 1.0, 0.0, 0.0, 0.0))  # no car steers so far
+        loop.stop.keep(*sent(plan_after(stamp_ns), stamp_ns))
+    assert loop.car.gate.rejected == 3
+    step(loop, TICK_STEPS)
+    assert (loop.controller_gone, loop.stop.message) == (True, FOLLOWING)
+
+
+def test_the_plan_of_the_first_command_counts_from_the_start_of_the_run(params):
+    """That command answers a state of the held car from before the start."""
+    sent_ns = START_NS - 30 * STEP_NS
+    loop, told = stepper(RealtimeStepper, params), stepper(RealtimeStepper, params)
+    loop.start(Command(sent_ns, 0.02, 0.0, 0.0, 0.0))
+    loop.stop.keep(*sent(plan_after(sent_ns), sent_ns))
+    told.command(Command(START_NS, 0.02, 0.0, 0.0, 0.0))
+    told.stop.keep(*sent(plan_after(START_NS)))
+    rows = [one.advance_to(START_NS + 500 * STEP_NS).rows for one in (loop, told)]
+    assert loop.stop.message == FOLLOWING
+    assert rows[0].tobytes() == rows[1].tobytes()
 
 
 def test_realtime_ends_within_hundredths_of_the_line_and_names_its_millisecond(params):

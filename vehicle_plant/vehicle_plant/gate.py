@@ -10,12 +10,15 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from msgs_yaml import contract
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import Command
 from vehicle_plant.parameters import PlantParams
 from vehicle_plant.state import SetPoints
 
-OLDEST_TICKS = 3  # a command is due after one tick and held for two more (see `stepping`)
+COMMAND = contract.load().topics['/controller/command']
+HELD_TICKS = round(COMMAND.held_s * COMMAND.rate_hz[contract.REALTIME])
+OLDEST_TICKS = 1 + HELD_TICKS  # a command is due after one tick and then held (see `stepping`)
 UNREADABLE = 'unreadable'
 
 

@@ -35,7 +35,7 @@ class LockstepMode:
                 self.node.destroy_timer(timer)
         self.stepper = self.monitor = None
         self.repeat_timer = self.silence_timer = None
-        self.has_repeated = False
+        self.has_repeated, self.silence_log = False, ChangeFilter()
 
     def report_waiting(self, message):
         """Publish nothing: simulated time has not begun."""
@@ -105,14 +105,16 @@ class LockstepMode:
             self.node.get_logger().warning('no command comes: sending the present state again')
             self.publish_state()
             return
-        self.node.get_logger().error('no command comes: stopping the car')
         self.silence_timer.cancel()
         self.silence_timer = ros.steady_timer(self.node, NO_CONTROLLER_S, self.on_no_controller)
 
     def on_no_controller(self):
         """Advance a tick without a command."""
         if self.stepper and self.stepper.outcome is None:
-            self.publish_tick(self.stepper.tick_without_controller())
+            trajectory = self.stepper.tick_without_controller()
+            if self.silence_log.has_changed(self.stepper.stop.message):
+                self.node.get_logger().error(self.stepper.stop.message)
+            self.publish_tick(trajectory)
 
 
 class RealtimeMode:
@@ -186,7 +188,7 @@ class RealtimeMode:
         now_ns, params = self.now_ns(), self.node.params
         car = self.node.simulator_at(now_ns)
         stepper = RealtimeStepper(car, RunEnd(params.stop, car.now), params.command_age_s)
-        stepper.command(command._replace(stamp_ns=now_ns))
+        stepper.start(command)
         if car.gate.rejected:
             message = f'held at the start: {car.gate.last_reason}'
             self.node.get_logger().error(message, throttle_duration_sec=THROTTLE_S)

@@ -161,9 +161,14 @@ class PlantNode(ManagedNode):
             self.get_logger().warning(line)
 
     def on_stop_plan(self, raw):
-        """Keep the newest plan for a silent controller: it is read, and checked, only then."""
-        if self.mode.stepper:
-            self.mode.stepper.stop.read_plan = partial(read_stop_plan, raw)
+        """Keep the plan for a silent controller: it is read, and checked, only then."""
+        if not self.mode.stepper:
+            return
+        try:
+            self.mode.stepper.stop.keep(decode.stamp_ns_of(raw), partial(read_stop_plan, raw))
+        except DecodeError as error:
+            text = f'{STOP_PLAN} rejected: {error}'
+            self.get_logger().error(text, throttle_duration_sec=THROTTLE_S)
 
     def publish(self, trajectory):
         """Publish every row of a trajectory; on each topic in the order of time."""

@@ -1,9 +1,9 @@
 """When the plant advances, and what happens when the controller is silent. No ROS, no clock.
 
 Lockstep: a burst of 50 steps per command, as long as commands come. Realtime: steps follow the wall
-clock. In both, the last command of a silent controller is held for two ticks, then the car follows
-the plan that came with it (`SilentStop`), and after that brakes straight to standstill. Time is an
-argument.
+clock. In both, the last command of a silent controller is held for as long as the contract says,
+then the car follows the plan that came with it (`SilentStop`), and after that brakes straight to
+standstill. Time is an argument.
 """
 
 from collections import deque
@@ -15,12 +15,14 @@ from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.decode import DecodeError
 from msgs_yaml.types import Command, StopPlan
 from node_runtime.input_monitor import ERROR, InputMonitor
+from vehicle_plant.gate import COMMAND, HELD_TICKS, OLDEST_TICKS
 from vehicle_plant.run_end import CONTROLLER_GONE, Outcome, RunEnd
 from vehicle_plant.simulator import STEP_NS, TICK_NS, TICK_STEPS, Simulator
 from vehicle_plant.state import Trajectory, join_trajectories
 
-HELD_TICKS = 2
-HELD_S = HELD_TICKS * TICK_NS / 1e9
+# from a command until a plan begins that is made for when it takes effect: so old it may be when it
+# comes; then it is due and held, and the first set-points of the plan are due a tick later
+LATEST_NS = (OLDEST_TICKS + 1 + HELD_TICKS + 1) * TICK_NS
 ANSWERABLE_STATES = 100  # last states of a car held at its start: 2 s
 # what the car does while the controller is silent
 HOLDING = 'no command comes, holding the last one'
@@ -30,48 +32,73 @@ CHECKED_STEPS = 10  # between two checks of the end of the run, which cost as mu
 
 
 class SilentStop:
-    """Stops a car whose controller is silent: along the plan of its last command, then straight.
-
-    `read_plan` returns the newest plan; it raises DecodeError for one that breaks the contract.
-    """
+    """Stops a car whose controller is silent: along the plan of its last command, then straight."""
 
     def __init__(self, car: Simulator):
         self._car = car
-        self.read_plan: Callable[[], StopPlan] | None = None
+        self._kept: dict[int, Callable[[], StopPlan]] = {}
+        self._start: tuple[int, int] = (0, 0)
         self._plan: StopPlan | None = None  # that is followed
         self._gate = car.gate  # of its set-points
         self._steps_left = 0  # until the next ones
         self.message = HOLDING
 
+    def restamp(self, stamp_ns: int, start_ns: int) -> None:
+        """Take the plan with this stamp, that of the first command, as one of the start."""
+        self._start = stamp_ns, start_ns
+
+    def keep(self, stamp_ns: int, read_plan: Callable[[], StopPlan]) -> None:
+        """Keep the plan with a stamp, beside that of the command accepted last.
+
+        `read_plan` returns it when it is needed; it raises DecodeError for one that breaks the
+        contract. The command of the plan may yet come, or be refused.
+        """
+        accepted_ns, (sent_ns, start_ns) = self._car.gate.stamp_ns, self._start
+        self._kept = {ns: read for ns, read in self._kept.items() if ns == accepted_ns}
+        self._kept[start_ns if stamp_ns == sent_ns else stamp_ns] = read_plan
+
     def begin(self) -> None:
-        """Follow the newest plan from now on, if it belongs to the command accepted last."""
+        """Follow the plan of the command accepted last from now on, once it is due."""
         # a gate of its own: a controller that returns answers a state a little older than now
         self._gate, self._steps_left = self._car.gate.fork(), 0
-        self._plan, refused = None, ''
+        self._plan, stamp_ns = None, self._gate.stamp_ns
+        self.message = HOLDING
+        if stamp_ns not in self._kept:
+            self._brake()
+            return
         try:
-            self._plan = self.read_plan() if self.read_plan else None
+            plan = self._kept[stamp_ns]()._replace(stamp_ns=stamp_ns)
         except DecodeError as error:
-            refused = str(error)
-        self.message = FOLLOWING
-        if self._plan is None or self._plan.stamp_ns != self._gate.stamp_ns:
-            self._brake(refused)
+            self._brake(str(error))
+            return
+        begin_ns = round(plan.t[0] * NS_PER_S)
+        if begin_ns > LATEST_NS:
+            begin_s, latest_s = begin_ns / NS_PER_S, LATEST_NS / NS_PER_S
+            self._brake(f'it begins {begin_s:g} s after its command, allowed up to {latest_s:g} s')
+            return
+        wait_ns = stamp_ns + begin_ns - TICK_NS - self._car.stamp_ns
+        self._plan, self._steps_left = plan, max(-(-wait_ns // STEP_NS), 0)
 
-    def next_steps(self, most: int) -> int:
-        """Return how many steps, `most` or fewer, the car takes under the present set-points.
+    def advance(self, steps: int) -> Trajectory:
+        """Advance the car by some steps.
 
-        Where those of a plan are reached these are its next ones. Past its end, or where the gate
-        refuses them, the car brakes straight.
+        It holds the command until the plan is due and then has its set-points, passed every tick;
+        past their end, or where the gate refuses them, it brakes straight.
         """
-        if not self._steps_left:
-            self._steps_left = TICK_STEPS
-            if self._plan is not None:
-                self._follow(self._plan)
-        steps = min(most, self._steps_left)
-        self._steps_left -= steps
-        return steps
+        pieces = []
+        while steps > 0:
+            if not self._steps_left:
+                self._steps_left = TICK_STEPS
+                if self._plan is not None:
+                    self._follow(self._plan)
+            piece = min(steps, self._steps_left)
+            pieces.append(self._car.advance(None, piece))
+            self._steps_left -= piece
+            steps -= piece
+        return join_trajectories(pieces)
 
     def _follow(self, plan):
-        now_ns = self._car.stamp_ns
+        now_ns, self.message = self._car.stamp_ns, FOLLOWING
         t = (now_ns + TICK_NS - plan.stamp_ns) / NS_PER_S
         if t > plan.t[-1]:
             self._brake()
@@ -116,7 +143,7 @@ class LockstepStepper:
         if self._silent_ticks == HELD_TICKS:
             self.stop.begin()
         self._silent_ticks += 1
-        trajectory = self.car.advance(None, self.stop.next_steps(TICK_STEPS))
+        trajectory = self.stop.advance(TICK_STEPS)
         self._end.check(trajectory)
         if self._end.standing:
             self.outcome = Outcome(CONTROLLER_GONE, 'the controller is gone', self.car.stamp_ns)
@@ -145,7 +172,7 @@ class RealtimeStepper:
     the car stops. A controller that returns is followed again.
     """
 
-    def __init__(self, car: Simulator, end: RunEnd, limit_s: float = HELD_S):
+    def __init__(self, car: Simulator, end: RunEnd, limit_s: float = COMMAND.held_s):
         self.car, self.stop = car, SilentStop(car)
         self.start_ns = car.stamp_ns
         self.command_monitor = InputMonitor('command', limit_s)
@@ -156,6 +183,14 @@ class RealtimeStepper:
         self.missed_steps = 0
         self.longest_gap = 1
         self.outcome: Outcome | None = None
+
+    def start(self, command: Command) -> None:
+        """Follow the first command, which answers the held start, as one of the start of the run.
+
+        Its plan counts from there, too.
+        """
+        self.stop.restamp(command.stamp_ns, self.start_ns)
+        self.command(command._replace(stamp_ns=self.start_ns))
 
     def command(self, command: Command) -> None:
         """Follow a command that passes the gate."""
@@ -187,9 +222,8 @@ class RealtimeStepper:
         while due > 0 and not self.outcome:
             # no ramp of set-points is longer than a tick: such pieces have the bits of the whole
             steps = min(due, TICK_STEPS)
-            if self.controller_gone:
-                steps = self.stop.next_steps(steps)
-            pieces.append(self.car.advance(None, steps))
+            gone = self.controller_gone
+            pieces.append(self.stop.advance(steps) if gone else self.car.advance(None, steps))
             due -= steps
             self._check_end(pieces[-1])
         trajectory = join_trajectories(pieces)

@@ -69,6 +69,8 @@ TRAFFIC: Mapping[str, Family] = _by_name(
     traffic.hidden_pedestrian,
     traffic.unforeseen_pedestrian,
 )
+# whose draws differ from those of another family in one thing only
+PAIRED = MappingProxyType({'unforeseen_pedestrian': 'hidden_pedestrian'})
 LIBRARY = MappingProxyType({**FAMILIES, **TRAFFIC})
 # those of the library, and tasks of the study of tuned controllers
 DRAWN = MappingProxyType({**LIBRARY, lane_change_task.NAME: lane_change_task.lane_change_task})
@@ -136,7 +138,7 @@ def draw(family: str, seed: int, index: int, difficulty: str = NOMINAL) -> Draw:
     if min(seed, index) < 0:
         raise ValueError(f'seed and index must be 0 or more, are {seed} and {index}')
     hard = difficulty == HARD
-    random = Random(f'{family} {difficulty} {seed} {index}')
+    random = Random(f'{PAIRED.get(family, family)} {difficulty} {seed} {index}')
     trials = (DRAWN[family](random, hard) for _ in range(MAX_TRIALS))
     parts = next((possible for possible in trials if possible is not None), None)
     if parts is None:

@@ -267,15 +267,22 @@ def unforeseen_pedestrian(random: Random, hard: bool) -> Document | None:
 
 
 def _behind_van(random, hard, emerging):
-    """Return who is hidden at first, and in the way when a car at the desired speed is there."""
+    """Return who is hidden at first, and in the way when a car at the desired speed is there.
+
+    The same draw for each of the two speeds: from both desired speeds the pedestrian is hidden.
+    """
     speed, at = random.uniform(8.0, 15.0), random.uniform(-1.0, 0.5)
     beside = random.uniform(*((0.4, 1.0) if hard else (0.6, 1.5)))  # m between van and car
     left = random.uniform(1.8, 2.6)  # m, of the edge: there is little room to move aside
     walks = random.uniform(*((1.5, 3.0) if hard else (1.0, EMERGING_MPS)))
     x, offset = speed * random.uniform(4.5, 6.0), -beside - feasibility.CAR_WIDTH / 2 - VAN_RADIUS
     there = x + VAN_DISCS[0] + VAN_RADIUS + PERSON_RADIUS + random.uniform(0.2, 1.0)
+    first, *others = VAN_DISCS
+    spread = tuple((ahead - first, 0.0) for ahead in others)
+    parked = Obstacle(1, x + first, offset, VAN_RADIUS, 0.0, 0.0, spread)
+    person = Obstacle(2, there, offset, PERSON_RADIUS, 0.0, 0.0)
 
-    def road(*people):
+    def road(foreseen, *people):
         parts = document(
             description=f'A pedestrian comes out at {walks:.1f} m/s from behind a parked van, '
             f'{beside:.1f} m beside the car; {speed:.1f} m/s.',
@@ -285,20 +292,18 @@ def _behind_van(random, hard, emerging):
             left=left,
             extra_s=15.0,
         )
-        return parts | {'sight': {'hidden_by_obstacles': True, 'emerging_mps': emerging}}
+        return parts | {'sight': {'hidden_by_obstacles': True, 'emerging_mps': foreseen}}
 
-    path = scenario.parse(yaml.safe_dump(road()), 'van.yaml').reference
-    arrives_s = float(np.interp(there - feasibility.CAR_NOSE, path.X, path.t))
-    begins_s = rounded(arrives_s - (at - offset) / walks)
-    first, *others = VAN_DISCS
-    spread = tuple((ahead - first, 0.0) for ahead in others)
-    parked = Obstacle(1, x + first, offset, VAN_RADIUS, 0.0, 0.0, spread)
-    person = Obstacle(2, there, offset, PERSON_RADIUS, 0.0, 0.0)
-    car_there = float(np.interp(begins_s, path.t, path.X)), 0.0
-    if not sight.is_hidden(car_there, person, (parked,)):
-        return None
-    walker = disc(there, offset, PERSON_RADIUS, across_mps=walks, appears_at_s=begins_s)
-    return either_side(random, road(walker))
+    begins_s = {}
+    for foreseen in (0.0, EMERGING_MPS):
+        path = scenario.parse(yaml.safe_dump(road(foreseen)), 'van.yaml').reference
+        arrives_s = float(np.interp(there - feasibility.CAR_NOSE, path.X, path.t))
+        begins_s[foreseen] = rounded(arrives_s - (at - offset) / walks)
+        car_there = float(np.interp(begins_s[foreseen], path.t, path.X)), 0.0
+        if not sight.is_hidden(car_there, person, (parked,)):
+            return None
+    walker = disc(there, offset, PERSON_RADIUS, across_mps=walks, appears_at_s=begins_s[emerging])
+    return either_side(random, road(emerging, walker))
 
 
 def _road(random, bends=1, radii=RADII, shares=GRIP_SHARES, speeds=SPEEDS) -> Road:

@@ -18,7 +18,7 @@ from experiments.replay import recorded_ticks, replayed_controller, replayed_est
 from experiments.replay.recorded_ticks import Tick
 from experiments.replay.replayed_controller import ReplayedController
 from msgs_yaml import conversions
-from msgs_yaml.types import Command, EstimatedState, Prediction, Why
+from msgs_yaml.types import Command, EstimatedState, Prediction, StopPlan, Why
 
 COMMAND_TOLERANCE = 1e-6  # rad, rad/s, N
 VALUE_TOLERANCE = 1e-6  # of max(1, |recorded|), for all other numbers
@@ -26,7 +26,8 @@ VALUE_TOLERANCE = 1e-6  # of max(1, |recorded|), for all other numbers
 EXEMPT, EXEMPT_END = 'time.', '.cpu_ms'
 ABSENT = 'absent'
 COMMAND_UNITS = {'delta': 'rad', 'd_delta': 'rad/s', 'Fxf': 'N', 'Fxr': 'N'}
-POSES = ('X', 'Y', 'psi')
+POSES, SET_POINTS = ('X', 'Y', 'psi'), ('t', 'delta', 'Fxf', 'Fxr')
+GROUPS = ('command', 'cost', 'prediction', 'stop_plan', 'other')
 # a tick that cannot be repeated changes the warm start of the following ones; after so many ticks
 # its effect is gone, and a difference counts again
 SHADOW = 20
@@ -121,13 +122,15 @@ def compare_ticks(
             shadow = 0  # a restart: the warm start is gone
         if tick.gaps:
             shadow, cause = SHADOW, tick.gaps[0]
-        command, prediction, why = controller.step(tick.inputs, tick.stamp_ns)
+        command, prediction, why, stop = controller.step(tick.inputs, tick.stamp_ns)
         pairs = [*pair_reports(tick.why, why)]
         if tick.command is not None:
             pairs[:0] = pair_commands(tick.command, command)
             controller.continue_from(tick.command)
         if tick.prediction is not None:
-            pairs += pair_predictions(tick.prediction, prediction)
+            pairs += pair_stages('prediction', POSES, tick.prediction, prediction)
+        if tick.stop is not None:
+            pairs += pair_stages('stop_plan', SET_POINTS, tick.stop, stop)
         compared.append(ComparedTick(tick, tuple(pairs), cause if shadow else ''))
         shadow = max(shadow - 1, 0)
     return tuple(compared)
@@ -148,17 +151,22 @@ def pair_reports(recorded: Why, replayed: Why) -> Iterator[Pair]:
             yield Pair(name, *values, _tolerance(values[0]))
 
 
-def pair_predictions(recorded: Prediction, replayed: Prediction) -> Iterator[Pair]:
-    """Yield the poses of two plans, each coordinate at the stage of the largest difference."""
-    if len(recorded.X) != len(replayed.X):
-        yield Pair('prediction.stages', len(recorded.X), len(replayed.X), 0.0)
+def pair_stages(
+    group: str,
+    names: Sequence[str],
+    recorded: Prediction | StopPlan,
+    replayed: Prediction | StopPlan | None,
+) -> Iterator[Pair]:
+    """Yield columns of two plans, each at the stage of the largest difference; None has none."""
+    counts = [0 if plan is None else len(plan[1]) for plan in (recorded, replayed)]
+    if counts[0] != counts[1]:
+        yield Pair(f'{group}.stages', *counts, 0.0)
         return
-    for name in POSES:
+    for name in names if counts[0] else ():
         before, after = getattr(recorded, name), getattr(replayed, name)
-        if len(before):
-            stage = int(np.argmax(np.abs(before - after)))
-            values = float(before[stage]), float(after[stage])
-            yield Pair(f'prediction.{name}', *values, _tolerance(values[0]))
+        stage = int(np.argmax(np.abs(before - after)))
+        values = float(before[stage]), float(after[stage])
+        yield Pair(f'{group}.{name}', *values, _tolerance(values[0]))
 
 
 def pair_estimates(recorded: EstimatedState, replayed: EstimatedState) -> Iterator[Pair]:
@@ -176,10 +184,10 @@ def _tolerance(value):
 def largest_differences(report: Report) -> dict[str, tuple[float, int]]:
     """Return per group of fields the largest difference of repeatable ticks, and its tick.
 
-    The groups: command, cost, prediction, and the rest, also of estimates. The last three
-    differences are relative to max(1, |recorded|); words count when they differ.
+    The groups: command, cost, prediction, stop_plan, and the rest, also of estimates. All but the
+    first differences are relative to max(1, |recorded|); words count when they differ.
     """
-    largest = dict.fromkeys(('command', 'cost', 'prediction', 'other'), (0.0, 0))
+    largest = dict.fromkeys(GROUPS, (0.0, 0))
     for compared in report.ticks:
         for pair in compared.pairs if not compared.gap else ():
             group = pair.field.partition('.')[0]

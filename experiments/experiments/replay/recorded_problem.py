@@ -225,7 +225,7 @@ def pose(controller: ReplayedController, tick: Tick) -> Problem:
     Raises BagError when none was: the controller braked without calling a solver.
     """
     before = controller.controller.memory.solved
-    _, _, why = controller.step(tick.inputs, tick.stamp_ns)
+    _, _, why, _ = controller.step(tick.inputs, tick.stamp_ns)
     solved = controller.controller.memory.solved
     if solved is None or solved is before:
         raise BagError(f'tick {tick.number}: no problem was solved: {why.message}')

@@ -30,6 +30,7 @@ MAX_MS = 60_000.0  # no part of a tick takes a minute: other programs may report
 STATE, WHY = '/vehicle/odometry', '/controller/why'
 BELIEVED = '/estimator/odometry'  # what the controller answers in place of it, where there is one
 COMMAND, PREDICTION = '/controller/command', '/controller/prediction'
+STOP_PLAN = '/controller/stop_plan'
 ACTUATORS, OBSTACLES = '/vehicle/actuators', '/scenario/obstacles'
 REFERENCE, EDGES = '/scenario/reference', '/scenario/road_edges'
 PREDICTIONS = '/scenario/predictions'
@@ -70,6 +71,7 @@ class Tick(NamedTuple):
     command: types.Command | None  # None where it was lost
     why: types.Why
     prediction: types.Prediction | None
+    stop: types.StopPlan | None
     gaps: tuple[str, ...]  # reasons why it cannot be repeated exactly
 
 
@@ -171,7 +173,7 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
     actuators that were not recorded.
     """
     topics = {name: RecordedTopic(bag, name) for name in NEEDED}
-    for name in (PREDICTION, PREDICTIONS):
+    for name in (PREDICTION, STOP_PLAN, PREDICTIONS):
         with suppress(BagError):  # recordings without them can be repeated, too
             topics[name] = RecordedTopic(bag, name)
     with suppress(BagError):
@@ -220,9 +222,9 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
             compared=_compared_actuators(topics[ACTUATORS], why, gaps),
             predictions=predictions.newest(known) if known else None,
         )
-        command, prediction = (
+        command, prediction, stop = (
             topics[name].find(stamp_ns) if name in topics else None
-            for name in (COMMAND, PREDICTION)
+            for name in (COMMAND, PREDICTION, STOP_PLAN)
         )
         zero_ns = ticks[0].stamp_ns if ticks else stamp_ns
         ticks.append(
@@ -234,6 +236,7 @@ def read_ticks(bag: read.Bag, most: int | None = None) -> list[Tick]:
                 command=command,
                 why=why,
                 prediction=prediction,
+                stop=stop,
                 gaps=(*gaps, *find_gaps(why, command)),
             )
         )

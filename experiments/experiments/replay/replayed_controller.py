@@ -13,7 +13,7 @@ from mpcc_controller.driving.records import TickInputs, unknown_state
 from mpcc_controller.parameters import CarParams, ControllerParams
 from msgs_yaml import conversions, share
 from msgs_yaml.strict_yaml import closest
-from msgs_yaml.types import Command, Prediction, Why
+from msgs_yaml.types import Command, Prediction, StopPlan, Why
 from node_runtime import node_parameters, parameters
 
 ROLE = 'controller'
@@ -32,8 +32,10 @@ class ReplayedController:
         self._params, self._kept, self._changes = params, kept, {}
         self._inputs: RecordedInputs | None = None
 
-    def step(self, inputs: RecordedInputs, stamp_ns: int) -> tuple[Command, Prediction, Why]:
-        """Return command, plan and report for the inputs of one tick.
+    def step(
+        self, inputs: RecordedInputs, stamp_ns: int
+    ) -> tuple[Command, Prediction, Why, StopPlan | None]:
+        """Return command, plan, report and stop plan, None without one, for the inputs of one tick.
 
         Time limits of realtime are not in force; the delay is predicted for as long as the recorded
         controller predicted it.
@@ -51,8 +53,10 @@ class ReplayedController:
         state = inputs.state if inputs.state is not None else unknown_state(stamp_ns)
         given = TickInputs(state, effective_ns=inputs.acts_ns, actuators=inputs.compared)
         record = self.controller.step(given._replace(fault=inputs.fault))
+        stop = self.controller.stop_plan(record)
+        stop = stop if stop is None else conversions.stop_plan_as_received(stop)
         plan, why = self.controller.report(record)
-        return record.command, conversions.prediction_as_received(plan), why
+        return record.command, conversions.prediction_as_received(plan), why, stop
 
     def _change(self, changes: Mapping[str, float]) -> None:
         """Drive by the parameters that were in force at a tick.

@@ -5,6 +5,7 @@ than a command does. From when the plant stops to hold the command they are thos
 may be about to pass an obstacle, then they brake along its line, in steady cornering.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -14,11 +15,11 @@ from mpcc_controller.driving.records import TickRecord
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import ControllerParams
+from msgs_yaml import contract
 from msgs_yaml.conversions import ns_to_s
 from msgs_yaml.types import StopPlan
 
-HELD_TICKS = 2  # for which a plant holds the last command before it follows a stop plan
-FOLLOWED_TICKS = 10  # in which they are those of the plan
+FOLLOWED_S = 0.5  # in which they are those of the plan
 FRICTION_USE = 0.65  # of the brakes, less what the line needs for cornering; not of cornering
 STANDS_MPS = 0.3
 
@@ -35,25 +36,29 @@ def stop_plan(
         return None
     use = min(FRICTION_USE, limits.friction_use)
     gentle = replace(params, limits=replace(limits, friction_use=use))
-    first = 1 + HELD_TICKS
-    last = min(first + FOLLOWED_TICKS, len(plan.X) - 2)
+    topic, step_s = contract.load().topics['/controller/command'], params.model.step_s
+    tick_s = 1.0 / topic.rate_hz[contract.REALTIME]
+    # the plant holds the set-points of the command, due after a tick, and is at the first ones here
+    # another tick later: the stages are those of these instants, whatever their length
+    first = math.ceil((topic.held_s + 2.0 * tick_s) / step_s - 1e-9)
+    last = min(first - 1 + round(FOLLOWED_S / step_s), len(plan.X) - 2)
     braking = guesses.braking(plan.X[last:], State(*plan.X[last]), car, gentle, floor=0.0)
-    states = State(*np.vstack((plan.X[first + 1 : last], braking.X)).T)
-    stands = np.flatnonzero(states.vx < STANDS_MPS)
-    count = int(stands[0]) if len(stands) else len(states.vx)
-    if not count:
+    X = np.vstack((plan.X[:last], braking.X))[first:]
+    states = State(*X[np.logical_and.accumulate(X[:, 3] >= STANDS_MPS)].T)
+    if not len(states.vx):
         return None
-    step_s = params.model.step_s
-    delta = _follow(states.delta[:count], command.delta, limits.steer_rate_radps * step_s)
-    wanted, held = np.minimum(states.Fx[:count], 0.0), command.Fxf + command.Fxr  # no driving
-    force = _follow(wanted, held, limits.force_rate_nps * step_s)
+    k = np.arange(len(states.vx))
+    dt = np.where(k > 0, step_s, tick_s)
+    delta = _follow(states.delta, command.delta, limits.steer_rate_radps * dt)
+    wanted, held = np.minimum(states.Fx, 0.0), command.Fxf + command.Fxr  # no driving
+    force = _follow(wanted, held, limits.force_rate_nps * dt)
     share = single_track.ideal_split(force, car)
     share = np.clip(share, limits.brake_front_share_min, limits.brake_front_share_max)
     # stage 0 of the plan is where the command takes effect
     begin_s = ns_to_s(record.effective_ns - command_ns - command.stamp_ns)
     return StopPlan(
         stamp_ns=command.stamp_ns,
-        t=begin_s + step_s * (first + 1 + np.arange(count)),
+        t=begin_s + step_s * (first + k),
         delta=delta,
         Fxf=share * force,
         Fxr=(1 - share) * force,
@@ -61,8 +66,8 @@ def stop_plan(
 
 
 def _follow(wanted, held, change):
-    """Return set-points (n,) near the wanted ones (n,), each within `change` of the one before."""
+    """Return set-points (n,) near the wanted ones, each within its `change` of the one before."""
     points = [held]
-    for value in wanted.tolist():
-        points.append(min(max(value, points[-1] - change), points[-1] + change))
+    for value, most in zip(wanted.tolist(), change.tolist()):
+        points.append(min(max(value, points[-1] - most), points[-1] + most))
     return np.array(points[1:])

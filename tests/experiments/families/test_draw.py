@@ -76,6 +76,18 @@ def test_a_car_at_the_desired_speed_meets_who_was_hidden_behind_a_van(family, in
     assert least < 0.7 * cruise if family == 'hidden_pedestrian' else least > 0.99 * cruise
 
 
+def test_draws_of_a_pair_differ_in_who_is_foreseen_and_in_when_they_begin_alone():
+    pair = [
+        yaml.safe_load(draw(family, 1, 0).text)
+        for family in ('hidden_pedestrian', 'unforeseen_pedestrian')
+    ]
+    for document in pair:
+        del document['name'], document['sight']['emerging_mps']
+    begins = [document['obstacles'][1].pop('appears_at_s') for document in pair]
+    assert pair[0] == pair[1]
+    assert begins[0] > begins[1]  # of whom a slower car meets
+
+
 def test_a_draw_depends_on_its_family_seed_index_and_difficulty_alone():
     asked = list(itertools.product(LIBRARY, (1, 2), (0, 1), DIFFICULTIES))
     forwards = {arguments: draw(*arguments) for arguments in asked}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bags.errors import BagError, OlderRunWarning
-from bags.storage import read
+from bags.storage import message_filing, read
 from experiments import cli
 from experiments.configuration import set_option
 from experiments.replay import check, recorded_ticks, replayed_controller
@@ -19,6 +19,7 @@ from experiments.replay.recorded_ticks import (
     OBSTACLES,
     REFERENCE,
     STATE,
+    STOP_PLAN,
     WHY,
     RecordedTopic,
     has_same_content,
@@ -26,7 +27,7 @@ from experiments.replay.recorded_ticks import (
 )
 from mpcc_controller import run_time_parameters
 from mpcc_controller.parameters import CarParams
-from msgs_yaml import encode
+from msgs_yaml import contract, encode
 from msgs_yaml.types import Command, Prediction, Why
 from node_runtime import node_parameters, parameters, ros
 
@@ -112,12 +113,16 @@ def test_all_values_of_a_report_are_compared_except_times(change, found):
     assert differing(check.pair_reports(*reversed(pair))) == found
 
 
+def pair_plans(*plans):
+    return check.pair_stages('prediction', check.POSES, *plans)
+
+
 def test_plans_are_compared_where_they_differ_most():
     other = PLAN._replace(Y=np.array([0.0, -2e-6, 1e-6]))
-    (found,) = [pair for pair in check.pair_predictions(PLAN, other) if pair.differs]
+    (found,) = [pair for pair in pair_plans(PLAN, other) if pair.differs]
     assert (found.field, found.replayed) == ('prediction.Y', -2e-6)
     shorter = PLAN._replace(X=STILL[:1])
-    assert differing(check.pair_predictions(PLAN, shorter)) == ['prediction.stages']
+    assert differing(pair_plans(PLAN, shorter)) == ['prediction.stages']
 
 
 @pytest.fixture(scope='session')
@@ -158,12 +163,12 @@ def drive_again(ticks, recorder, change_inputs):
     """Let a controller answer ticks with changed inputs; return them as if they were recorded."""
     for k, tick in enumerate(ticks):
         inputs = tick.inputs._replace(**change_inputs(k))
-        command, plan, why = recorder.step(inputs, tick.stamp_ns)
+        command, plan, why, stop = recorder.step(inputs, tick.stamp_ns)
         recorder.continue_from(command)
         inputs = inputs._replace(
             fault=recorded_ticks.stale_input(why), changes=run_time_parameters.reported(why.values)
         )
-        yield tick._replace(command=command, prediction=plan, why=why, inputs=inputs)
+        yield tick._replace(command=command, prediction=plan, why=why, stop=stop, inputs=inputs)
 
 
 def test_ticks_that_braked_or_had_other_weights_are_repeated(ticks, replayed):
@@ -185,8 +190,29 @@ def test_ticks_that_braked_or_had_other_weights_are_repeated(ticks, replayed):
     compared = check.compare_ticks(unaware, replayed())
     assert next(one.tick.number for one in compared if one.differing) == 15
     # a parameter that is set for a replay wins over what the run changed
-    _, _, why = replayed(**{'tolerances.contouring_m': 0.8}).step(ticks[20].inputs, STAMP)
+    _, _, why, _ = replayed(**{'tolerances.contouring_m': 0.8}).step(ticks[20].inputs, STAMP)
     assert why.values['weight.con'] == pytest.approx(0.8**-2)
+
+
+@compiler
+def test_stop_plans_are_read_and_repeated(mpcc, ticks, replayed):
+    recorded = [*drive_again(ticks[:20], replayed(), lambda k: {})]
+    rows = mpcc.recordings[COMMAND].rows(np.arange(20))
+    messages = [ros.serialize(encode.stop_plan(tick.stop)) for tick in recorded]
+    topic = message_filing.bag_topic(contract.load().topics[STOP_PLAN], contract.LOCKSTEP)
+    sent = rows._replace(topic=topic, payloads=messages)
+    bag = mpcc._replace(recordings=mpcc.recordings | {STOP_PLAN: sent})
+    again = read_ticks(bag, 21)
+    assert again[20].stop is None
+    for before, after in zip(recorded, again):
+        assert all(np.array_equal(*columns) for columns in zip(before.stop, after.stop))
+    again[7] = again[7]._replace(stop=again[7].stop._replace(Fxr=again[7].stop.Fxr + 0.1))
+    again[8] = again[8]._replace(stop=again[8].stop._replace(t=STILL))
+    differ = {one.tick.number: one.differing for one in check.compare_ticks(again, replayed())}
+    assert {k: [pair.field for pair in pairs] for k, pairs in differ.items() if pairs} == {
+        7: ['stop_plan.Fxr'],
+        8: ['stop_plan.stages'],
+    }
 
 
 def without(bag, topic, row):

@@ -51,7 +51,7 @@ def test_the_prediction_model_that_follows_them_stays_near_the_line_and_slows_do
     plan, stop = record.decision.plan, controller.stop_plan(record)
     drive, x = world.make_car(controller.car), record.x0
     x = drive(x, record.command)
-    for _ in range(stop_plan.HELD_TICKS):
+    for _ in range(2):  # for which the command is held
         x = drive(x, record.command)
     for delta, Fxf, Fxr in zip(stop.delta, stop.Fxf, stop.Fxr):
         x = drive(x, record.command._replace(delta=delta, Fxf=Fxf, Fxr=Fxr))
@@ -89,6 +89,28 @@ def test_they_end_where_the_car_stands_and_fit_the_shortest_horizon(world):
     slow = record._replace(decision=record.decision._replace(plan=plan._replace(X=X)))
     stop = controller.stop_plan(slow)
     assert 1 <= len(stop.t) <= 2
+
+
+@pytest.mark.parametrize('step_s', [0.025, 0.1])
+def test_with_stages_of_another_length_they_are_those_of_the_same_instants(
+    controller, world, step_s
+):
+    record = answered(controller, world, 30)
+    plan, usual = record.decision.plan, controller.stop_plan(record)
+    t = TICK_S * np.arange(len(plan.X))
+    instants = np.arange(0.0, t[-1] + 1e-9, step_s)
+    X = np.column_stack([np.interp(instants, t, column) for column in plan.X.T])
+    params = replace(controller.params, model=replace(controller.params.model, step_s=step_s))
+
+    def stop_of(stages):
+        decision = record.decision._replace(plan=plan._replace(X=stages))
+        return stop_plan.stop_plan(record._replace(decision=decision), controller.car, params, 0)
+
+    stop = stop_of(X)
+    assert stop.t == pytest.approx(np.arange(0.2, t[-1] + 1e-9, step_s))
+    followed = stop.t < 0.6
+    assert stop.delta[followed] == pytest.approx(np.interp(stop.t, usual.t, usual.delta)[followed])
+    assert stop_of(X[: round(0.2 / step_s)]) is None  # it ends while the command is held
 
 
 def test_an_error_inside_is_counted(controller, world, monkeypatch):
