@@ -124,17 +124,6 @@ def test_a_drive_that_is_not_explained_is_the_same_to_the_last_bit(drive):
         assert {'solver.iterations', 'gate', 'theta'} <= set(own.values) < set(other.values)
 
 
-def test_acceleration_is_the_change_of_velocity(drive):
-    """The inertial unit and the odometry measure the same motion: ax = dvx/dt - r vy."""
-    columns = drive(DOUBLE, 'mpcc').columns
-    odometry, imu = columns['/vehicle/odometry'], columns['/vehicle/imu']
-    ax = np.gradient(odometry.vx_mps, 1e-3) - odometry.yaw_rate_radps * odometry.vy_mps
-    ay = np.gradient(odometry.vy_mps, 1e-3) + odometry.yaw_rate_radps * odometry.vx_mps
-    inner = slice(1, -1)
-    assert np.allclose(imu.ax_mps2[inner], ax[::10][inner], atol=0.05)
-    assert np.allclose(imu.ay_mps2[inner], ay[::10][inner], atol=0.05)
-
-
 @pytest.mark.parametrize(
     ('rule', 'aside_m'),
     [

@@ -10,7 +10,6 @@ import shlex
 import shutil
 import sys
 from collections import Counter
-from fnmatch import fnmatch
 from importlib import import_module
 from pathlib import Path
 
@@ -212,29 +211,6 @@ def test_each_command_of_a_page_that_is_not_run_is_understood(page, monkeypatch)
         module = import_module(f'{program}.commands.{command.replace("-", "_")}')
         monkeypatch.setattr(module, 'run', lambda options: 0)
         assert import_module(f'{program}.cli').main([command, *words]) == 0
-
-
-@pytest.mark.parametrize(
-    ('page', 'file', 'reads'),
-    [
-        ('tutorials/01_first_run.md', 'experiments/experiments/commands/replay_check.py', True),
-        ('tutorials/01_first_run.md', 'experiments/experiments/replay/check.py', True),
-        ('tutorials/01_first_run.md', 'bags/bags/report/comparison.py', True),
-        ('howto/own_plant.md', 'scenario_publisher/scenarios/double_lane_change.yaml', True),
-        ('howto/own_plant.md', 'scenario_publisher/scenarios/circle_50m.yaml', False),
-        ('tutorials/04_weights_and_resolve.md', 'mpcc_controller/config/mpcc.yaml', True),
-        ('tutorials/06_own_cost_term.md', 'mpcc_controller/mpcc_controller/parameters.py', True),
-        ('tutorials/07_own_controller_node.md', 'vehicle_plant/vehicle_plant/plant_node.py', True),
-        ('tutorials/05_another_car.md', 'vehicle_plant/vehicle_plant/identify.py', True),
-        ('howto/launch.md', 'experiments/launch/closed_loop.launch.py', True),
-        ('howto/launch.md', 'experiments/experiments/tuning.py', False),
-        ('quickstart.md', 'requirements-studies.txt', True),
-        ('howto/python.md', 'bags/bags/run.py', True),
-        ('howto/python.md', 'mpcc_controller/mpcc_controller/driving/choose.py', False),
-    ],
-)
-def test_a_change_of_what_a_page_uses_selects_it(page, file, reads):
-    assert any(fnmatch(file, pattern) for pattern in names_of(DOCS / page)) == reads
 
 
 FAILS_AT_THE_END = 'sh -c "trap \'exit 3\' INT; echo up; while :; do sleep 0.1; done"'

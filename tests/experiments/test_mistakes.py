@@ -434,14 +434,6 @@ def test_mistakes_in_options(capsys, words, meant):
     assert meant in capsys.readouterr().err
 
 
-def test_every_command_has_a_help_text(capsys):
-    for command in cli.COMMANDS:
-        with pytest.raises(SystemExit) as ended:
-            cli.main([command, '--help'])
-        assert ended.value.code == 0
-        assert f'experiments {command}' in capsys.readouterr().out
-
-
 def test_a_folder_without_permission_to_write_is_refused(refused, monkeypatch):
     # root may write everywhere, so the system is asked through this call
     monkeypatch.setattr(os, 'access', lambda path, mode: mode != os.W_OK | os.X_OK)

@@ -64,10 +64,10 @@ class NodeBench:
 
 
 @contextmanager
-def running(name: str, mode: str) -> Iterator[NodeBench]:
-    """Create a node in a ROS domain of its own; destroy it at the end."""
+def running(name: str, mode: str, **settings: Any) -> Iterator[NodeBench]:
+    """Create a node in a ROS domain of its own, with parameters; destroy it at the end."""
     with domain.reserved({}) as number:
-        given = {'mode': mode} | (PATIENT if name == 'controller' else {})
+        given = {'mode': mode, **settings} | (PATIENT if name == 'controller' else {})
         arguments = [word for item in given.items() for word in ('-p', '{}:={}'.format(*item))]
         rclpy.init(args=['--ros-args', *arguments], domain_id=number)
         bus = Bus(0)

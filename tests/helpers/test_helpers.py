@@ -9,7 +9,6 @@ import changes
 import commit_seed
 import pytest
 from node_graph import OF_PROCESSES
-from session_cache import build_once
 
 GIT = ('git', '-c', 'user.name=a', '-c', 'user.email=a@b.example', '-c', 'commit.gpgsign=false')
 
@@ -37,11 +36,6 @@ def test_a_missing_capability_fails_a_test_only_where_it_is_required(
     with pytest.raises(ends, match='no Chromium is installed'):
         capabilities.require('chromium')
     capabilities.is_present.cache_clear()
-
-
-@pytest.mark.parametrize('name', capabilities.CAPABILITIES)
-def test_every_capability_is_probed_without_an_error(name):
-    assert capabilities.is_present(name) in (True, False)
 
 
 @pytest.fixture
@@ -89,22 +83,6 @@ def test_what_a_test_reads_has_changed_since_a_commit_or_may_have(
     ):
         monkeypatch.setenv(changes.VARIABLE, since)
         assert [name for name in 'abcdx' if changes.any_changed([f'{name}.*'])] == [*names]
-
-
-def test_a_folder_is_built_once_and_again_after_a_failure(tmp_path):
-    class Factory:
-        def getbasetemp(self):
-            return tmp_path
-
-    def fails(folder):
-        (folder / 'half').touch()
-        raise OSError('half made')
-
-    with pytest.raises(OSError, match='half made'):
-        build_once(Factory(), 'thing', fails)
-    folder = build_once(Factory(), 'thing', lambda folder: (folder / 'file').touch())
-    assert build_once(Factory(), 'thing', fails) == folder
-    assert [path.name for path in folder.iterdir()] == ['file']
 
 
 def test_every_pattern_of_what_the_tests_of_processes_read_names_a_file():

@@ -18,7 +18,8 @@ from {module} import main
 for words in {commands}:
     with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()) as text:
         main([*words, '--help'])
-    assert text.getvalue().startswith('usage: '), words
+    usage, program, *rest = text.getvalue().split()
+    assert usage == 'usage:' and rest[: len(words)] == words, words
 print([name for name in {slow} if name in sys.modules])
 """
 NODES = (

@@ -1,6 +1,5 @@
 """The whole experiment over real Fast DDS, as `experiments run` drives it."""
 
-import json
 from collections import Counter
 from pathlib import Path
 
@@ -72,11 +71,6 @@ def test_over_ros_and_in_process_the_bits_are_the_same(recorded_runs):
     columns = read.columns(bag)
     assert_equal_tables(computed, columns)
     assert load(bag.path).drive.facts == simulation.drive(setup).facts
-
-
-def test_the_baseline_is_the_frenet_formulation(recorded_runs):
-    noted = json.loads(read.load(recorded_runs.bag('frenet')).run_info['parameters'])
-    assert noted['controller']['formulation.name'] == 'frenet'
 
 
 def test_the_comparison_is_printed_and_drawn(recorded_runs):

@@ -60,25 +60,12 @@ def test_double_lane_change_has_the_lengths_of_iso_3888_1():
     assert DLC.reference.X[-1] == pytest.approx(240.0, abs=1e-9)
 
 
-def test_double_lane_change_starts_at_its_desired_speed_and_holds_it():
-    speed = np.hypot(np.diff(DLC.reference.X), np.diff(DLC.reference.Y)) / np.diff(DLC.reference.t)
-    assert speed == pytest.approx(np.full(len(speed), 20.8), rel=1e-4)
-    assert DLC.start == (0.0, 0.0, 0.0, 20.8, 0.0, 0.0)
-
-
 def test_coarse_path_passes_both_obstacles_dangerously_close_on_opposite_sides():
     first, second = DLC.obstacles.items
     assert 0.0 < gap(DLC, first) < 0.1
     assert 0.0 < gap(DLC, second) < 0.5
     assert at_x(DLC.reference, first.X) > first.Y
     assert at_x(DLC.reference, second.X) < second.Y
-
-
-def test_comments_of_the_double_lane_change_state_its_gaps():
-    first, second = (gap(DLC, o) for o in DLC.obstacles.items)
-    comments = ' '.join(re.findall(r'# (.*)', DLC.text))
-    assert f'path: {first:.2f} m at the first' in comments
-    assert f'{second:.1f} m at the second' in comments
 
 
 def test_car_fits_between_each_obstacle_and_the_edge_it_has_to_pass_at():
@@ -115,14 +102,6 @@ def test_split_mu_is_slippery_under_the_left_wheels_only():
     assert np.all(scn.reference.Y == 0.0)
     assert scn.edges.left[:, 1].max() == 3.5
     assert (scn.friction, scn.start.speed, scn.obstacles.items) == (1.0, 18.0, ())
-
-
-def test_comments_of_split_mu_state_when_the_car_is_on_the_patch():
-    scn = scenario.load('split_mu')
-    reached, left = np.interp([40.0, 90.0], scn.reference.X, scn.reference.t)
-    comments = ' '.join(re.findall(r'# (.*)', scn.text))
-    assert f'reaches it {reached:.1f} s after the start' in comments
-    assert f'leaves it {left - reached:.1f} s later' in comments
 
 
 def test_what_a_scenario_may_hold_fits_into_the_messages():

@@ -6,7 +6,6 @@ import casadi as ca
 import numpy as np
 import pytest
 from drives import advance_interpreted, altered, drive, load
-from scipy.integrate import solve_ivp
 
 from msgs_yaml.types import WHEELS
 from node_runtime import named_vector
@@ -68,34 +67,6 @@ def test_generated_equations_are_those_of_the_package(dynamics):
         assert np.isfinite(expected).all()
         actual = np.asarray(dynamics(x, u)).ravel()
         np.testing.assert_allclose(actual, expected, rtol=1e-10, atol=1e-10)
-
-
-def test_steps_of_a_millisecond_follow_another_integrator(dynamics):
-    """A swerve with braking: scipy's DOP853 on the Python function of the package."""
-    seconds, acceleration, h = 0.5, -3.0, integrator.STEP_S
-    start = init_mb([0.0, 0.0, 0.0, SPEED, 0.0, 0.0, 0.0], P)
-
-    def inputs(t):
-        return [0.3 * np.sin(2 * np.pi * t / seconds), acceleration]
-
-    reference = solve_ivp(
-        lambda t, x: vehicle_dynamics_mb(list(x), inputs(t), P),
-        (0.0, seconds),
-        start,
-        method='DOP853',
-        rtol=1e-9,
-        atol=1e-9,
-        max_step=2e-3,
-    ).y[:, -1]
-    x = ca.DM(start)
-    for n in range(round(seconds / h)):
-        u0, u1, u2 = (inputs((n + part) * h) for part in (0, 0.5, 1))
-        k1 = dynamics(x, u0)
-        k2 = dynamics(x + h / 2 * k1, u1)
-        k3 = dynamics(x + h / 2 * k2, u1)
-        x += h / 6 * (k1 + 2 * k2 + 2 * k3 + dynamics(x + h * k3, u2))
-    # the lateral force jumps where the camber changes its sign: the order is one there
-    np.testing.assert_allclose(np.asarray(x).ravel()[:6], reference[:6], rtol=0, atol=2e-4)
 
 
 def test_compiled_steps_are_the_interpreted_ones(plant):

@@ -168,17 +168,3 @@ def test_a_controller_that_knows_another_car_is_refused_with_each_reason(
         inputs.check_car_fits(nodes, checked)
     for reason in ('car_file car.yaml does not fit the plant: ', *reasons):
         assert reason in str(refused.value)
-
-
-def test_a_shipped_scenario_is_told_from_a_file_of_its_name_here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    shipped = scenario.load('straight')
-    assert scenario.describe_namesake('straight', shipped) == ''
-    copy = tmp_path / 'straight.yaml'
-    copy.write_text(shipped.text)
-    assert scenario.describe_namesake('straight', shipped) == ''
-    copy.write_text(shipped.text + '# mine\n')
-    said = scenario.describe_namesake('straight', shipped)
-    assert said.endswith(
-        'not the file straight.yaml in this folder: for that one give ./straight.yaml'
-    )

@@ -145,14 +145,6 @@ TestLadder.settings = settings(
 )
 
 
-@pytest.mark.parametrize('solved', [GOOD[0][0], BAD[0][0]])
-def test_no_plan_with_an_objection_is_followed_whatever_level_it_is_from(solved):
-    plans, _ = Plans().decide(RULES, GOOD[0][0], None)
-    shifted = Plan(plans.plan.X + 1, plans.plan.U)
-    _, decision = plans.decide(RULES, solved, shifted, False, lambda plan: 'plan_touches')
-    assert decision == (BRAKING, 'plan_touches', None)
-
-
 # in the controller: each row forces a level by what the solver does or what the tick is given
 
 

@@ -136,16 +136,6 @@ def test_the_errors_of_the_filter_are_as_large_as_it_says():
     assert np.all((low < total) & (total < high))
 
 
-def test_of_exact_measurements_nearly_nothing_is_filtered():
-    known = {}
-    for o in moving(30, braking=8.0, first=-10):
-        known = obstacle_tracks.update(known, [o], TICK_S, EXACT)
-        place, velocity, _ = known[CAR.id].mean
-        assert place == pytest.approx((o.X, o.Y), abs=0.02)
-        assert velocity == pytest.approx((o.vX, o.vY), abs=0.1)
-    assert known[CAR.id].mean[2] == pytest.approx((-8 * 12 / 13, 8 * 5 / 13), abs=0.1)
-
-
 # misses, ghosts, ids
 
 
