@@ -1,9 +1,9 @@
 """Do lockstep runs give equal bags on a busy machine? What docs/bags.md says of it.
 
-    .venv/bin/python bench/equal_bags.py [--runs 100] [--busy 3] [--scenario straight]
-                                         [--controller mpcc] [--set NODE.param=value]
+    .venv/bin/python bench/equal_bags.py [--runs 100]
 
-Drives the same run again and again through the node graph, and compares each bag with the first:
+Drives the same run again and again through the node graph, beside three programs that compute all
+the time, and compares each bag with the first:
 on every topic the same messages in the same order, bit for bit. Times of the wall clock are exempt:
 computing times in /controller/why, where /diagnostics of one node stand among those of others, and
 logs and transitions of nodes. Prints what differs; exit code 1 when a bag differs.
@@ -26,14 +26,15 @@ from experiments.run import run_and_compare
 from msgs_yaml.contract import DERIVED_TYPES
 
 EXEMPT = re.compile(r'time\..*|candidates\..*\.cpu_ms')  # values of the wall clock
+BUSY = 3  # programs
 HEALTH = 'diagnostic_msgs/msg/DiagnosticArray'
 ANY_ORDER = '/diagnostics'  # several publishers: only each one's order is that of simulated time
 
 
 @contextlib.contextmanager
-def busy(count: int) -> Iterator[None]:
-    """Keep that many processors busy, or share fewer with whatever else runs."""
-    programs = [multiprocessing.Process(target=_compute, daemon=True) for _ in range(count)]
+def busy() -> Iterator[None]:
+    """Keep BUSY processors busy, or share fewer with whatever else runs."""
+    programs = [multiprocessing.Process(target=_compute, daemon=True) for _ in range(BUSY)]
     for program in programs:
         program.start()
     try:
@@ -50,9 +51,9 @@ def _compute():
         sum(range(100_000))
 
 
-def drive(out: Path, scenario: str, controller: str, settings: list[str]) -> read.Bag:
+def drive(out: Path) -> read.Bag:
     """Drive once in lockstep; return the bag. Raises RuntimeError for a run without one."""
-    request = run_and_compare.Request(scenario, [controller], 'lockstep', out, settings, 900.0)
+    request = run_and_compare.Request('straight', ['mpcc'], 'lockstep', out, (), 900.0)
     _, [outcome] = run_and_compare.run_controllers(request, Console(quiet=True))
     if outcome.bag is None:
         raise RuntimeError(outcome.message)
@@ -99,17 +100,12 @@ def main() -> int:
     """Print the differences of every run from the first, and how many are equal."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--runs', type=int, default=100)
-    parser.add_argument('--busy', type=int, default=3, help='programs that compute all the time')
-    parser.add_argument('--scenario', default='straight')
-    parser.add_argument('--controller', default='mpcc')
-    parser.add_argument('--set', dest='settings', action='append', default=[])
     options = parser.parse_args()
-    what = options.scenario, options.controller, options.settings
     differing = 0
-    with busy(options.busy):
+    with busy():
         for number in range(options.runs):
             with tempfile.TemporaryDirectory() as folder:
-                found = contents(drive(Path(folder), *what))
+                found = contents(drive(Path(folder)))
             if not number:
                 first = found
             texts = differences(first, found)

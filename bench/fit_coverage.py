@@ -1,12 +1,11 @@
 """How often do the intervals of `identify --log` hold the truth? Noisy logs of a known car.
 
-    python bench/fit_coverage.py [--count 100] [--out FILE.md]
+    python bench/fit_coverage.py
 
 The single track drives a slalom of growing amplitude for 30 s to its limit; lateral speed and yaw
 rate get noise of 0.03 m/s and 0.01 rad/s. Intervals are those of 95 %.
 """
 
-import argparse
 import sys
 from pathlib import Path
 
@@ -19,13 +18,13 @@ from measured_drives import TRUTH, single_track_log
 from experiments.measured import single_track_fit
 from mpcc_controller import car_file
 
-FIRST_SEED = 9200
+FIRST_SEED, COUNT = 9200, 100
 
 
-def table(count: int) -> str:
-    """Fit `count` logs, and return how many intervals hold the truth."""
+def main() -> None:
+    """Fit the logs, and print how many intervals hold the truth."""
     car = car_file.read('car.yaml')
-    logs = [single_track_log(car, FIRST_SEED + k) for k in range(count)]
+    logs = [single_track_log(car, FIRST_SEED + k) for k in range(COUNT)]
     fits = [single_track_fit.fit([log], car) for log in logs]
     rows = []
     for name, truth in TRUTH.items():
@@ -33,19 +32,7 @@ def table(count: int) -> str:
         half = np.array([fit.half_widths[name] for fit in fits])
         inside = int(np.sum(np.abs(values - truth) <= half))
         rows.append((name, f'{truth:g}', f'{values.mean():.4g}', f'{half.mean():.2g}', str(inside)))
-    return markdown(f'of {count} noisy logs', ('parameter', 'truth', 'mean', '±', 'inside'), rows)
-
-
-def main() -> None:
-    """Run the command."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--count', type=int, default=100)
-    parser.add_argument('--out', type=Path, help='Markdown file to write')
-    options = parser.parse_args()
-    text = table(options.count)
-    print(text)
-    if options.out:
-        options.out.write_text(text + '\n')
+    print(markdown(f'of {COUNT} noisy logs', ('parameter', 'truth', 'mean', '±', 'inside'), rows))
 
 
 if __name__ == '__main__':

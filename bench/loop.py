@@ -1,6 +1,6 @@
 """How fast are a drive in process, its ticks and the node graph? Figures of docs/performance.md.
 
-    .venv/bin/python bench/loop.py [--repeats N] [--scaling] [--ring] [--out bench/loop.md]
+    .venv/bin/python bench/loop.py [--scaling] [--ring]
 
 Nothing else should run. Without options it times drives of `SCENARIO` in process; --scaling adds
 how a tick grows with the length of the path and the number of obstacles, --ring a recorded drive of
@@ -42,6 +42,7 @@ CONTROLLERS = ('mpcc', 'mpcc_no_ca', 'frenet')
 TICK_S = 0.05
 MS = 1e3
 WARM_TICKS = 5  # at the start, before code and data are in the caches of the processor
+REPEATS = 10  # drives per controller and kind
 PARALLEL_S = 4.0  # how long the drives beside each other go on
 PATH_LENGTHS_M = (100.0, 1000.0, 20_000.0)
 POSE_M = 0.5  # between two poses of these paths: 40,000 on the longest
@@ -94,7 +95,7 @@ def cpu_s(call: Callable[[], object]) -> float:
     return time.process_time() - began
 
 
-def measure_drives(repeats: int) -> list[str]:
+def measure_drives() -> list[str]:
     """Return the tables of drives and ticks of every controller."""
     drives, ticks = [], []
     for name in CONTROLLERS:
@@ -106,10 +107,10 @@ def measure_drives(repeats: int) -> list[str]:
             lambda setup=setup: simulation.drive(setup),
         )
         # alternately: what disturbs the machine disturbs all of them
-        seconds = np.median([[cpu_s(call) for call in calls] for _ in range(repeats)], axis=0)
+        seconds = np.median([[cpu_s(call) for call in calls] for _ in range(REPEATS)], axis=0)
         drives.append((name, *map(number, MS * seconds), *map(number, driven_s / seconds)))
         every = []
-        for _ in range(repeats):
+        for _ in range(REPEATS):
             controller = Controller(setup.params, setup.vehicle)
             records = closed_loops.drive(setup.scn, controller)
             every.append(tick_times([answered(controller, record) for record in records]))
@@ -233,19 +234,17 @@ def measure_ring() -> str:
 def main() -> None:
     """Measure, print the tables, write the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--repeats', type=int, default=10, help='drives per controller and kind')
     parser.add_argument('--scaling', action='store_true', help='ticks by path and obstacles')
     parser.add_argument('--ring', action='store_true', help='the node graph, too')
-    parser.add_argument('--out', type=Path, default=Path(__file__).with_suffix('.md'))
     options = parser.parse_args()
     about = ', '.join(f'{key} {value}' for key, value in machine.named().items())
-    tables = [*measure_drives(options.repeats), measure_parallel()]
+    tables = [*measure_drives(), measure_parallel()]
     tables += [measure_lengths(), measure_obstacles()] if options.scaling else []
     tables += [measure_ring()] if options.ring else []
     print('\n'.join(tables))
     kinds = '; '.join(f'{kind}: {meaning}' for kind, meaning in KINDS.items())
     head = f'# The loop around the maths\n\n`python bench/loop.py`: {about}.\n\n{kinds}.\n\n'
-    options.out.write_text(head + '\n'.join(tables))
+    Path(__file__).with_suffix('.md').write_text(head + '\n'.join(tables))
 
 
 if __name__ == '__main__':

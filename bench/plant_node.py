@@ -1,6 +1,6 @@
 """The plant's node on the wall clock, CPU and punctuality: docs/plant.md.
 
-    .venv/bin/python bench/plant_node.py [--seconds 20] [--domain 24]
+    .venv/bin/python bench/plant_node.py
 
 A second process drives the node: it sends a command every 50 ms and takes the odometry. The node's
 process notes when each step begins; `deviation` is by how much the time between two differs from
@@ -30,7 +30,8 @@ from node_runtime import ros, spin_node
 NS_PER_MS = 1e6
 TICK_S = 0.05
 TARGETS = {'cpu_percent_of_a_core': 35.0, 'deviation_p50_ms': 0.2, 'deviation_p99_ms': 2.0}
-LATEST_S = 60.0
+DRIVE_S, LATEST_S = 20.0, 60.0
+DOMAIN = 24  # of ROS
 
 
 class Driver(Node):
@@ -85,23 +86,23 @@ def inside(out: Path) -> int:
     return exit_code
 
 
-def drive(seconds: float, domain: int) -> dict:
+def drive() -> dict:
     """Run both processes; return what the node left behind."""
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder, 'steps.json')
-        settings = {'mode': 'realtime', 'start.from': 'parameters', 'stop.time_s': seconds}
+        settings = {'mode': 'realtime', 'start.from': 'parameters', 'stop.time_s': DRIVE_S}
         settings['stop.x_m'] = 10_000.0
         given = [part for name, value in settings.items() for part in ('-p', f'{name}:={value}')]
         command = [sys.executable, __file__, '--inside', str(out), '--ros-args', *given]
         context = Context()
-        rclpy.init(context=context, domain_id=domain)
+        rclpy.init(context=context, domain_id=DOMAIN)
         node = Driver(context)
         executor = EventsExecutor(context=context)
         executor.add_node(node)
-        plant = subprocess.Popen(command, env=os.environ | {'ROS_DOMAIN_ID': str(domain)})
+        plant = subprocess.Popen(command, env=os.environ | {'ROS_DOMAIN_ID': str(DOMAIN)})
         try:
-            end = time.monotonic() + seconds + LATEST_S
+            end = time.monotonic() + DRIVE_S + LATEST_S
             while plant.poll() is None and time.monotonic() < end:
                 executor.spin_until_future_complete(rclpy.task.Future(), timeout_sec=0.2)
         finally:
@@ -134,14 +135,12 @@ def figures(found: dict) -> dict[str, float]:
 def main() -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--seconds', type=float, default=20.0, help='of driving')
-    parser.add_argument('--domain', type=int, default=24, help='ROS domain')
     parser.add_argument('--inside', type=Path, help=argparse.SUPPRESS)
     options, rest = parser.parse_known_args()
     if options.inside:
         sys.argv[1:] = rest  # what the node reads
         return inside(options.inside)
-    results = figures(drive(options.seconds, options.domain))
+    results = figures(drive())
     print(f'{"":<26}{"found":>12}{"target":>10}')
     for name, value in results.items():
         target = f'{TARGETS[name]:10.1f}' if name in TARGETS else ''

@@ -91,11 +91,6 @@ def errors(given: Windows, setup: Setup, params: ControllerParams) -> np.ndarray
     return np.array(rows)
 
 
-def with_model(params: ControllerParams, **changes) -> ControllerParams:
-    """Return the parameters with another prediction model."""
-    return replace(params, model=replace(params.model, **changes))
-
-
 def table() -> str:
     """Drive, predict, and return the table."""
     setups = [simulation.prepare(SCENARIO, CONTROLLER, speed_mps=v) for v in SPEEDS_MPS]
@@ -105,7 +100,9 @@ def table() -> str:
     joined = Windows(*(np.concatenate(parts) for parts in zip(*recorded)))
     rows = []
     for name, changes in MODELS.items():
-        found = errors(joined, setups[0], with_model(setups[0].params, **changes))
+        params = setups[0].params
+        params = replace(params, model=replace(params.model, **changes))
+        found = errors(joined, setups[0], params)
         for ahead in AHEAD_S:
             values = zip(found[round(ahead / dt) - 1], DECIMALS)
             rows.append((f'{name}, {ahead:g} s', *(f'{value:.{n}f}' for value, n in values)))

@@ -1,7 +1,7 @@
 """Is 20 Hz held on the wall clock by all nodes? Rows of docs/performance.md, docs/promises.md.
 
     .venv/bin/python bench/realtime.py [--ticks 10000] [--controller mpcc] [--set NODE.param=value]
-                                       [--bag DIR] [--out bench/realtime.md] [--fifo]
+                                       [--out bench/realtime.md] [--fifo]
 
 Drives along a winding road, left and right by turns, past obstacles: 10,000 ticks take 500 s.
 Nothing else should run: every other process shows in the percentiles. With --fifo it shows less:
@@ -108,18 +108,15 @@ def page(found: dict, options: argparse.Namespace, spent: np.ndarray) -> str:
 
     ticks = found['ticks']
     about = ', '.join(f'{key} {value}' for key, value in machine.named().items())
+    busy_s, stolen_s = spent
     head = (
         f'`python bench/realtime.py{" --fifo" if options.fifo else ""}`, all nodes and the '
         f'recorder on one machine\n({about});\nsettings: {", ".join(options.settings) or "none"}. '
         f'{ticks["count"]} ticks, {ticks["missed"]} missed, {ticks["blind"]} commands without a '
         'state.\n'
+        f'The processors were busy for {busy_s:.0f} s meanwhile, everything counted; '
+        f'{stolen_s:.1f} s more were wanted and not given by the host of this machine.\n'
     )
-    if not options.bag:
-        busy_s, stolen_s = spent
-        head += (
-            f'The processors were busy for {busy_s:.0f} s meanwhile, everything counted; '
-            f'{stolen_s:.1f} s more were wanted and not given by the host of this machine.\n'
-        )
     names = list(bag_summary.QUANTILES)
     rows = {**found['parts_ms'], 'between two commands': found['interval_ms']}
     rows['state sent after its stamp'] = found['state_sent_after_its_stamp_ms']
@@ -149,21 +146,18 @@ def main() -> int:
     parser.add_argument('--ticks', type=int, default=10_000, help='of 50 ms')
     parser.add_argument('--controller', default='mpcc', help='a name, or a YAML file')
     parser.add_argument('--set', action='append', default=[], dest='settings', metavar='NODE.p=v')
-    parser.add_argument('--bag', type=Path, help='look at this bag instead of driving')
     parser.add_argument('--fifo', action='store_true', help='real-time priority for every node')
     parser.add_argument('--out', type=Path, help='file to write (realtime[_fifo].md)')
     options = parser.parse_args()
-    if options.fifo and options.bag:
-        parser.error('--fifo is about a drive, and --bag makes none')
     if options.fifo:
         options.settings = fifo_settings() + options.settings  # what is set by hand counts
     before = machine.cpu_times()
     with tempfile.TemporaryDirectory() as folder:
-        bag = options.bag or drive(options, Path(folder))
+        bag = drive(options, Path(folder))
         spent = machine.cpu_times() - before
         found = bag_summary.timing_report(read.load(bag))
     timing.show(found, Console())
-    if found['ticks']['count'] < MIN_SHARE * options.ticks and not options.bag:
+    if found['ticks']['count'] < MIN_SHARE * options.ticks:
         raise SystemExit(f'only {found["ticks"]["count"]} ticks: the car did not get there')
     text = page(found, options, spent)
     print(text)

@@ -1,6 +1,6 @@
 """Cost of bags: reading, recording, losses, how punctual the player is. Table of docs/bags.md.
 
-    .venv/bin/python bench/recordings.py [--seconds 60] [--messages 1000000] [--only PART]
+    .venv/bin/python bench/recordings.py
 
 Every figure is of real nodes over Fast DDS; the messages are those of the node graph at the
 contract's rates, or with all four topics of the vehicle at 1 kHz. CPU is the processor time of the
@@ -8,37 +8,124 @@ recorder's process, which other load on the machine changes little; it does chan
 losses.
 """
 
-import argparse
 import json
 import os
 import signal
+import struct
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import psutil
 import rclpy
-from graph_messages import NS_PER_MS, START_NS, GraphMessages
+from rclpy.serialization import serialize_message
 from tables import markdown
 
 from bags.storage import read
 from bags.storage.bag_writer import BagWriter
 from bags.storage.message_filing import LOSS_RECORD, bag_topics
-from msgs_yaml import contract
+from msgs_yaml import contract, encode, flat_fields, types
 from node_runtime import ros, spin_node
 
 CHUNK_MS = 400
 MINUTE_MS = 60_000
 PASSES = 3
 TIMEOUT_S = 120.0
+SECONDS = 60  # of recording and playing
+MESSAGES = 1_000_000  # in lockstep
+DOMAIN = 24  # of ROS
 TICK_MS = 50
 PAUSE_S = 0.005  # a quarter of what the controller takes
+START_NS = 1_234_567_890_000  # its bytes are nothing else in a message
+NS_PER_MS = 1_000_000
+MS_PER_S = 1000
+STATE = ('/vehicle/odometry', '/vehicle/actuators', '/vehicle/imu', '/vehicle/wheels')
+STAMP_AT = 4  # after the encapsulation header
+FOUR = (1.0, 2.0, 3.0, 4.0)
 
 
-def reading(folder: Path, options) -> dict[str, float]:
+def _constant():
+    """One message of every topic that is not patched number by number."""
+    t = np.arange(51) * 0.05
+    x = 20.0 * t
+    edges = np.column_stack([x, x * 0.0 + 3.0])
+    values = {f'cost.term{k}': 0.1 * k for k in range(40)}
+    made = {
+        '/scenario/reference': encode.reference(types.Reference(START_NS, x, 0 * x, 0 * x, t)),
+        '/scenario/road_edges': encode.road_edges(types.RoadEdges(START_NS, edges, edges - 6.0)),
+        '/scenario/obstacles': encode.obstacles(
+            types.Obstacles(START_NS, (types.Obstacle(1, 40.0, 1.5, 1.0, -5.0, 0.0),))
+        ),
+        '/controller/stop_plan': encode.stop_plan(types.StopPlan(START_NS, t + 0.2, 0 * x, -x, -x)),
+        '/controller/prediction': encode.prediction(types.Prediction(START_NS, x, 0 * x, 0 * x, t)),
+        '/controller/why': encode.why(types.Why(START_NS, 0, '', {'rung': 'solved'} | values)),
+        '/diagnostics': encode.health(types.Health(START_NS, 'plant', 0, 'drives', values)),
+        '/clock': encode.clock(START_NS),
+    }
+    return {topic: bytes(serialize_message(message)) for topic, message in made.items()}
+
+
+class GraphMessages:
+    """What plant, scenario and controller send, with rising stamps and changing states."""
+
+    def __init__(self, mode: str, every_ms: bool):
+        """`every_ms`: imu and wheels come at 1 kHz, too, not at the contract's rate."""
+        self._templates = {topic: flat_fields.load(topic) for topic in flat_fields.TYPES}
+        self._constant = _constant()
+        self.topics = tuple(contract.load().topics.values())
+        self._period_ms = [
+            1 if every_ms and topic.name in STATE else _period_ms(topic.rate_hz[mode])
+            for topic in self.topics
+        ]
+
+    def at(self, ms: int) -> Iterator[tuple[int, bytes]]:
+        """Yield the index and the CDR of every message of a millisecond."""
+        stamp_ns = START_NS + ms * NS_PER_MS
+        for index, (topic, period) in enumerate(zip(self.topics, self._period_ms)):
+            if period and ms % period == 0:
+                yield index, self._data(topic, stamp_ns)
+
+    def _data(self, topic, stamp_ns):
+        if topic.name in self._templates:
+            return self._templates[topic.name].fill(_value(topic.name, stamp_ns))
+        data, stamp = self._constant[topic.name], _bytes(stamp_ns)
+        if topic.type.endswith('MarkerArray'):
+            return data.replace(_bytes(START_NS), stamp)  # every marker has one
+        return data[:STAMP_AT] + stamp + data[STAMP_AT + len(stamp) :]
+
+
+def _bytes(stamp_ns):
+    return struct.pack('<iI', *divmod(stamp_ns, 10**9))
+
+
+def _period_ms(rate_hz):
+    return round(MS_PER_S / rate_hz) if rate_hz else 0
+
+
+def _value(topic, stamp_ns):
+    """Return a state that never repeats, so that compression finds no more than on a real drive."""
+    s = stamp_ns * 1e-9
+    wave = float(np.sin(s))
+    if topic == '/vehicle/odometry':
+        return types.VehicleState(
+            stamp_ns, 20.0 * s, wave, 0.1 * wave, 20.0 - wave, wave, 0.3 * wave
+        )
+    if topic == '/vehicle/imu':
+        return types.Imu(stamp_ns, 3.0 * wave, -5.0 * wave, 0.3 * wave)
+    if topic == '/vehicle/wheels':
+        loads = (4e3 + 100 * wave, 4e3 - 100 * wave, 3e3 + 90 * wave, 3e3 - 90 * wave)
+        return types.Wheels(stamp_ns, FOUR, FOUR, loads, FOUR, loads, FOUR, loads)
+    if topic == '/vehicle/actuators':
+        return types.Actuators(stamp_ns, 0.01 * wave, 0.1 * wave, -2e3 * wave, -1e3 * wave, FOUR)
+    return types.Command(stamp_ns, 0.01 * wave, 0.1 * wave, -2e3 * wave, -1e3 * wave)
+
+
+def reading(folder: Path) -> dict[str, float]:
     """Write a minute of the node graph with everything at 1 kHz, read it into columns."""
     messages = GraphMessages('lockstep', every_ms=True)
     writer = BagWriter(folder / 'minute', bag_topics(contract.load(), 'lockstep'), {})
@@ -68,10 +155,10 @@ def reading(folder: Path, options) -> dict[str, float]:
 class Recording:
     """A recorder in a process of its own, and publishers of every topic in this one."""
 
-    def __init__(self, out: Path, mode: str, domain: int):
+    def __init__(self, out: Path, mode: str):
         self.out = out
         self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=domain)
+        rclpy.init(context=self.context, domain_id=DOMAIN)
         self.node = rclpy.create_node('benchmark', context=self.context)
         self.node.declare_parameter('mode', mode)
         publishers = [ros.publisher(self.node, name) for name in contract.load().topics]
@@ -79,7 +166,7 @@ class Recording:
         words = ['--ros-args', '-p', f'out:={out}', '-p', f'mode:={mode}']
         self.process = subprocess.Popen(
             [sys.executable, '-m', 'bags.recorder_node', *words],
-            env=os.environ | {'ROS_DOMAIN_ID': str(domain)},
+            env=os.environ | {'ROS_DOMAIN_ID': str(DOMAIN)},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
@@ -114,12 +201,12 @@ class Recording:
         spin_node.shut_down(self.node, context=self.context)
 
 
-def recording(folder: Path, options, every_ms: bool) -> dict[str, float]:
+def recording(folder: Path, every_ms: bool) -> dict[str, float]:
     """Record on the wall clock."""
     messages = GraphMessages('realtime', every_ms)
-    recorder = Recording(folder / f'realtime{every_ms}', 'realtime', options.domain)
+    recorder = Recording(folder / f'realtime{every_ms}', 'realtime')
     sent, began = 0, time.monotonic()
-    for ms in range(round(options.seconds * 1000)):
+    for ms in range(SECONDS * MS_PER_S):
         time.sleep(max(0.0, began + ms * 1e-3 - time.monotonic()))
         for index, data in messages.at(ms):
             recorder.senders[index].send(data)
@@ -137,12 +224,12 @@ def recording(folder: Path, options, every_ms: bool) -> dict[str, float]:
     }
 
 
-def lockstep(folder: Path, options) -> dict[str, float]:
+def lockstep(folder: Path) -> dict[str, float]:
     """Record a node graph whose controller responds in PAUSE_S; publishers wait for full queues."""
     messages = GraphMessages('lockstep', every_ms=True)
-    recorder = Recording(folder / 'lockstep', 'lockstep', options.domain)
+    recorder = Recording(folder / 'lockstep', 'lockstep')
     sent, ms, began = 0, 0, time.monotonic()
-    while sent < options.messages:
+    while sent < MESSAGES:
         for index, data in messages.at(ms):
             recorder.senders[index].send(data)
             sent += 1
@@ -168,20 +255,20 @@ def _lost_per_topic(bag, history):
     return {name: noted[name] or 0 for name in names}
 
 
-def playing(folder: Path, options) -> dict[str, float]:
+def playing(folder: Path) -> dict[str, float]:
     """Play a minute at rate 1 into a recorder; when each message was sent is in the new bag."""
     if not (folder / 'minute').exists():
-        reading(folder, options)
-    recorder = Recording(folder / 'again', 'lockstep', options.domain)
-    words = {'bag': folder / 'minute', 'duration_s': options.seconds, 'recorders': 1}
+        reading(folder)
+    recorder = Recording(folder / 'again', 'lockstep')
+    words = {'bag': folder / 'minute', 'duration_s': SECONDS, 'recorders': 1}
     given = [word for name, value in words.items() for word in ('-p', f'{name}:={value}')]
     subprocess.run(
         [sys.executable, '-m', 'bags.player_node', '--ros-args', *given],
-        env=os.environ | {'ROS_DOMAIN_ID': str(options.domain)},
+        env=os.environ | {'ROS_DOMAIN_ID': str(DOMAIN)},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         check=True,
-        timeout=options.seconds + TIMEOUT_S,
+        timeout=SECONDS + TIMEOUT_S,
     )
     _, bag = recorder.end()
     # a message of the bag may be late, none is early
@@ -199,11 +286,11 @@ def playing(folder: Path, options) -> dict[str, float]:
 PARTS = {
     'reading a minute, 1 kHz': (reading, {'seconds': 6.0}),
     'recording at the rates of the contract': (
-        lambda folder, options: recording(folder, options, False),
+        partial(recording, every_ms=False),
         {'% of a core': 35.0, 'lost per 100,000': 1.0},
     ),
     'recording, 1 kHz': (
-        lambda folder, options: recording(folder, options, True),
+        partial(recording, every_ms=True),
         {'% of a core': 55.0, 'lost per 100,000': 1.0},
     ),
     'recording in lockstep': (lockstep, {'lost where all is kept': 0.0}),
@@ -213,19 +300,11 @@ PARTS = {
 
 def main() -> int:
     """Print a table per part."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--seconds', type=float, default=60.0, help='of recording and playing')
-    parser.add_argument('--messages', type=int, default=1_000_000, help='in lockstep')
-    parser.add_argument('--domain', type=int, default=24, help='ROS domain')
-    parser.add_argument('--only', default='', help='parts whose name begins so')
-    options = parser.parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     print(f'load {os.getloadavg()[0]:.1f}')
     for name, (measure, targets) in PARTS.items():
-        if not name.startswith(options.only):
-            continue
         with tempfile.TemporaryDirectory() as folder:
-            found = measure(Path(folder), options)
+            found = measure(Path(folder))
         rows = [
             (
                 figure,

@@ -1,7 +1,6 @@
 """From which slides does a controller save the car? The maps of docs/road_controller.md.
 
-    .venv/bin/python bench/recovery_map.py [CONTROLLER ...] [--quick] [--jobs N]
-        [--json bench/recovery_map.json]
+    .venv/bin/python bench/recovery_map.py [CONTROLLER ...] [--quick]
 
 The car starts in the middle of a straight road of 8 m. It moves along the road; its heading is off
 by the sideslip angle, and it yaws. Wheels are straight, as if the slide came from the road; by
@@ -13,7 +12,7 @@ on the road recovered, and the wheels' contact points stayed within the road unt
 
 A controller is a name or a YAML file; `fallback` is mpcc whose solvers always fail, so that its
 fallback alone drives, `recovery` the same with the recovery law. --quick drives every second angle,
-yaw rate and speed. Writes the JSON, a page (.md) and a figure (.png) beside it.
+yaw rate and speed. Writes recovery_map.md and .png beside this file.
 """
 
 import argparse
@@ -60,8 +59,6 @@ class Ending(NamedTuple):
     recovered: bool
     on_road: bool
     settled_s: float | None  # from the start
-    largest_sideslip_rad: float
-    largest_offset_m: float  # of a wheel from the centre line, until the car is settled
 
 
 def slide_scenario(slide: Slide) -> str:
@@ -82,11 +79,10 @@ def slide_scenario(slide: Slide) -> str:
     return yaml.safe_dump(parts)
 
 
-def setup_of(controller: str, settings: dict | None = None) -> Setup:
-    """Return the setup of a controller of the map, without its slide; `settings` win."""
-    overrides = SPECIAL.get(controller, {}) | (settings or {})
+def setup_of(controller: str) -> Setup:
+    """Return the setup of a controller of the map, without its slide."""
     name = 'mpcc' if controller in SPECIAL else controller
-    return simulation.prepare('straight', name, {'controller': overrides})
+    return simulation.prepare('straight', name, {'controller': SPECIAL.get(controller, {})})
 
 
 def drive(setup: Setup, slide: Slide) -> Ending:
@@ -114,8 +110,6 @@ def ending(odometry, plant) -> Ending:
         recovered,
         bool(recovered and offset <= ROAD_M / 2),
         float(t[end] - SETTLED_S) if recovered else None,
-        float(np.abs(beta).max()),
-        float(offset),
     )
 
 
@@ -174,20 +168,18 @@ def main() -> None:
     names = ['fallback', 'recovery', 'mpcc', 'mpcc_road']
     parser.add_argument('controllers', nargs='*', default=names, metavar='CONTROLLER')
     parser.add_argument('--quick', action='store_true', help='every second angle and speed')
-    parser.add_argument('--jobs', type=int, default=1, help='processes (default: 1)')
-    parser.add_argument('--json', type=Path, default=Path(__file__).with_suffix('.json'))
     options = parser.parse_args()
     slides, rows = grid(options.quick), []
-    with ProcessPoolExecutor(options.jobs) as pool:
+    with ProcessPoolExecutor() as pool:
         for name in options.controllers:
             endings = pool.map(partial(drive, setup_of(name)), slides, chunksize=4)
             rows += [(Path(name).stem, *slide, *end) for slide, end in zip(slides, endings)]
     drives = pd.DataFrame(rows, columns=['controller', *Slide._fields, *Ending._fields])
     result = table(drives)
     print(result)
-    drives.to_json(options.json, orient='split', index=False, indent=0)
-    options.json.with_suffix('.md').write_text(result)
-    figure(drives).savefig(options.json.with_suffix('.png'), dpi=130)
+    here = Path(__file__)
+    here.with_suffix('.md').write_text(result)
+    figure(drives).savefig(here.with_suffix('.png'), dpi=130)
 
 
 if __name__ == '__main__':

@@ -1,6 +1,6 @@
 """What becomes of a car whose controller falls silent in a manoeuvre: the table of docs/safety.md.
 
-    .venv/bin/python bench/silent_controller.py [--seed S] [--draws N] [--family NAME ...]
+    .venv/bin/python bench/silent_controller.py
 
 `mpcc_road` drives nominal draws. From four random instants of each, out of those in which the car
 corners or an obstacle is dangerous, no command comes any more: once the plant has only the last
@@ -8,7 +8,6 @@ command, and brakes straight, once it has the stop plan, too. Prints in how many
 to its end on the road and without contact.
 """
 
-import argparse
 from collections.abc import Iterator
 from random import Random
 
@@ -31,6 +30,7 @@ from vehicle_plant.stepping import LockstepStepper
 
 CONTROLLER = 'mpcc_road'
 FAMILIES = ('bend_inside', 'bend_outside', 'bend_oncoming', 'pop_up', 'double_lane_change')
+SEED, DRAWS = 2, 4  # of each family
 INSTANTS = 4  # per draw
 CORNERS_MPS2, DRIVES_MPS = 2.0, 5.0
 MOST_TICKS = 250  # until a car without a controller stands
@@ -39,16 +39,8 @@ STRAIGHT, PLAN, ONLY_STRAIGHT = 'straight', 'along the stop plan', 'only straigh
 
 def main() -> None:
     """Drive, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--seed', type=int, default=2)
-    parser.add_argument('--draws', type=int, default=4)
-    parser.add_argument('--family', action='append', dest='families')
-    options = parser.parse_args()
     rows = pd.DataFrame(
-        case
-        for family in options.families or FAMILIES
-        for draw in range(options.draws)
-        for case in silences(family, draw, options.seed)
+        case for family in FAMILIES for draw in range(DRAWS) for case in silences(family, draw)
     )
     rows[ONLY_STRAIGHT] = rows[STRAIGHT] & ~rows[PLAN]
     counts = rows.groupby('family', sort=False)[[STRAIGHT, PLAN, ONLY_STRAIGHT]].sum()
@@ -57,9 +49,9 @@ def main() -> None:
     print(counts.to_string())
 
 
-def silences(family: str, draw: int, seed: int) -> Iterator[dict[str, object]]:
+def silences(family: str, draw: int) -> Iterator[dict[str, object]]:
     """Yield a line per instant of a draw from which the controller is silent."""
-    row = Row(f'{family}:{draw}', CONTROLLER, seed=seed, knows_limit=False)
+    row = Row(f'{family}:{draw}', CONTROLLER, seed=SEED, knows_limit=False)
     setup = drive_row.prepare(row, any_car=True)
     cases = []
     for step in simulation.steps(setup):
@@ -72,7 +64,7 @@ def silences(family: str, draw: int, seed: int) -> Iterator[dict[str, object]]:
                 step.controller.reporter.why(step.record, False),
             )
             cases.append((step._replace(car=step.car.fork()), plan, why))
-    random = Random(f'{family}:{draw} {seed}')
+    random = Random(f'{family}:{draw} {SEED}')
     for step, plan, why in random.sample(cases, min(INSTANTS, len(cases))):
         yield {
             'family': family,

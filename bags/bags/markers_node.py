@@ -295,12 +295,9 @@ class MarkersNode(Node):
             return
         for drawn, message in self.scene.update(topic, value).items():
             self.pubs[drawn].publish(message)
-        if topic == STATE and self.tf and not self.has_other_tf():
+        # no other node publishes it: a frame must have one publisher
+        if topic == STATE and self.tf and self.count_publishers(ros.full_name(self, TF)) <= 1:
             self.tf.publish(TFMessage(transforms=[encode.transform(value)]))
-
-    def has_other_tf(self):
-        """Return whether another node publishes /tf: a frame must have one publisher."""
-        return self.count_publishers(ros.full_name(self, TF)) > 1
 
 
 def main() -> int:

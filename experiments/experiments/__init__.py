@@ -9,7 +9,7 @@ Run
     batch              a study file: scenarios, parameters and controllers, combined and driven
     preview            a scenario before it is driven
     families           random emergencies as scenario files
-    library            who survives the families and the entries of emergencies
+    library            families and entries of emergencies, driven: who survives
 Analyse
     replay             recorded ticks through today's controller
     results            tables and plots of the drives of a batch

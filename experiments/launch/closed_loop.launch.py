@@ -19,14 +19,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from bags.errors import BagError
-from experiments.configuration import (
-    inputs,
-    node_config,
-    ros_parameter_file,
-    run_advice,
-    set_option,
-)
-from experiments.run import domain, node_graph, processes, staging
+from experiments.configuration import inputs, node_config, run_advice, set_option
+from experiments.run import domain, launch_arguments, node_graph, processes, staging
 from experiments.run.launch_arguments import ARGUMENTS
 from launch import LaunchDescription, actions
 
@@ -121,7 +115,7 @@ def _new_bag(out, scn, controller):
 def _overrides(given):
     """Return the parameters of `params_file` and `set` by role, and their sources."""
     paths = shlex.split(given['params_file'])
-    values, sources = ros_parameter_file.read_files(paths, given['namespace'])
+    values, sources = launch_arguments.read_files(paths, given['namespace'])
     settings = set_option.parse_overrides(shlex.split(given['set']), 'set:=')
     for role, own in settings.items():
         values[role] = values.get(role, {}) | own

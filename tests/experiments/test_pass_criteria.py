@@ -2,8 +2,7 @@
 
 import pytest
 
-from experiments import pass_criteria
-from experiments.library import catalogue
+from experiments import library, pass_criteria
 from scenario_publisher import scenario
 from scenario_publisher.expectations import Expectation, Expectations
 
@@ -31,5 +30,5 @@ def test_measured_values_are_found_by_their_dotted_names(expectation, measured, 
 
 def test_the_entries_of_the_library_expect_what_there_is():
     """A metric that does not exist: test_mistakes.py."""
-    for name in catalogue.entries_of_library():
+    for name in library.entries_of_library():
         pass_criteria.check_names(scenario.load(name).expect, name)

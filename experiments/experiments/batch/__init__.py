@@ -2,6 +2,5 @@
 
 distributions  of drawn values, and their scrambled Sobol points
 study_file     the YAML file that says what is varied
-study_rows     the rows of a study; paired draws and start offsets
-run_batch      all of that, in parallel, to be interrupted at any time
+run_batch      the rows of a study, with paired draws and start offsets, checked and driven
 """

@@ -77,17 +77,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run what is asked; 0 when all is well. Raises BagError."""
     # imported late: simulation and controllers take a second to load
-    from experiments.library import catalogue
+    from experiments import library
 
     console = Console()
     if options.list:
-        return catalogue.show(console)
+        return library.show_catalogue(console)
     if options.out is None:
         raise BagError('--out is missing: the folder, or the file of --draw, that is written')
     if options.draw:
-        return catalogue.write_draw(options, console)
-
-    from experiments.library import run_library
-
-    families, entries = catalogue.choose(options.family, options.entries, options.entry)
-    return run_library.run(options, families, entries, console)
+        return library.write_draw(options, console)
+    families, entries = library.choose(options.family, options.entries, options.entry)
+    return library.run(options, families, entries, console)

@@ -21,8 +21,8 @@ def run(options: argparse.Namespace) -> int:
     """Show and draw; return 0, also with warnings. Raises BagError."""
     from bags.command_line import print_paths
     from bags.errors import BagError
+    from experiments import preview
     from experiments.configuration import inputs, node_config, run_advice
-    from experiments.preview import preview_figure, scenario_checks
     from scenario_publisher import scenario
 
     if options.plot and options.plot.suffix not in ('.png', '.svg', '.pdf'):
@@ -32,15 +32,15 @@ def run(options: argparse.Namespace) -> int:
         scn = scenario.load(options.scenario)
     except scenario.ScenarioError as error:
         if error.check:
-            scenario_checks.show_refusals(error.check, console)
+            preview.show_refusals(error.check, console)
         raise BagError(str(error)) from None
     here = Path()
     nodes = node_config.build_nodes(scn, options.scenario, controller, 'lockstep', here, here, {})
     checked = inputs.check_parameters(nodes)
-    circles = scenario_checks.circles_of(checked[inputs.CONTROLLER][0])
-    scenario_checks.show(scn, circles, console)
-    scenario_checks.show_refusals('', console)
-    scenario_checks.show_advice(run_advice.judge(scn, options.scenario, checked), console)
+    circles = preview.circles_of(checked[inputs.CONTROLLER][0])
+    preview.show(scn, circles, console)
+    preview.show_refusals('', console)
+    preview.show_advice(run_advice.judge(scn, options.scenario, checked), console)
     if options.plot:
-        print_paths(console, {'\npicture': preview_figure.draw(scn, circles, options.plot)})
+        print_paths(console, {'\npicture': preview.draw(scn, circles, options.plot)})
     return 0

@@ -4,7 +4,5 @@ node_config     the nodes of a run and their parameters
 inputs          scenario and parameters, checked before a run
 run_advice      what is rarely meant in them, with numbers
 parameter_list  what can be set, with unit, range, default and meaning
-ros_parameter_file
-                parameter files with sections for several nodes
 set_option      the option `--set` of runs and replays
 """

@@ -81,18 +81,13 @@ def closest_setting(target: str) -> str:
         return f'; did you mean {f"{near[0]}.{name}"!r}?'
     known = {
         f'{role}.{parameter}'
-        for role in roles
-        for parameter in parameters.read_file(_defaults(role)).values
+        for role, (package, file) in node_config.DEFAULTS.items()
+        for parameter in parameters.read_file(share.path(package, 'config', file)).values
     }
     exact = sorted(full for full in known if full.partition('.')[2] == target)
     if exact:
         return f'; did you mean {" or ".join(map(repr, exact))}?'
     return strict_yaml.closest(f'{CONTROLLER}.{target}', known)
-
-
-def _defaults(role):
-    package, file = node_config.DEFAULTS[role]
-    return share.path(package, 'config', file)
 
 
 def parse_controller_settings(settings: Sequence[str]) -> dict[str, Any]:

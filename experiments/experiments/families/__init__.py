@@ -4,10 +4,8 @@ draw               (family, seed, index, difficulty) -> Draw, independent of eve
 scenario_document  the parts of a scenario document: roads, cars, walkers, start and finish
 feasibility        closed forms that say whether a draw can be mastered: nominal draws are
 open_road          what appears, comes or crosses on a straight road, which may be slippery
-lane_course        slaloms, gates, lane changes: where the room is narrow
-bends              an obstacle in a bend
+lane_course        bends, slaloms, gates, lane changes: where the room is narrow
 traffic            other road users on roads that bend
-lane_change_task   tasks of the study of tuned controllers
+lane_change_task   tasks of the study of tuned controllers, and the curvature that they demand
 plant_variant      their plants, and the cars identified on them
-demand             the path curvature that a course demands
 """

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from experiments.families import bends, lane_change_task, lane_course, open_road, traffic
+from experiments.families import lane_change_task, lane_course, open_road, traffic
 from experiments.families.scenario_document import Document, rounded
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
@@ -38,8 +38,8 @@ FAMILIES: Mapping[str, Family] = _by_name(
     open_road.cut_in,
     open_road.crossing_pedestrian,
     open_road.crossing_cyclist,
-    bends.bend_inside,
-    bends.bend_outside,
+    lane_course.bend_inside,
+    lane_course.bend_outside,
     lane_course.slalom,
     lane_course.chicane,
     lane_course.narrowing,

@@ -7,7 +7,6 @@ golden               the golden recordings, which every version must answer as r
 tick_choice          which tick is meant by a time, a station, or an event
 recorded_ticks       the inputs and the recorded answer of each tick of a bag
 replayed_controller  a controller with the parameters of a recorded run
-replayed_estimator   likewise the estimator, on the recorded messages of the sensors
 recorded_problem     the optimal control problem of one tick
 horizon_figure       the figure of one tick's plan
 """

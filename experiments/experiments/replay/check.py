@@ -4,6 +4,7 @@ Only times are exempt. Numbers are in SI units. On one machine a replay gives th
 instruction set rounds differently, by less than 1e-10 of these tolerances' units (docs/replay.md).
 """
 
+import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -13,12 +14,18 @@ from rich.console import Console
 
 from bags.errors import BagError
 from bags.storage import read
+from bags.storage.decoding import DECODE_ERRORS, decode_message
 from experiments import console as tables
-from experiments.replay import recorded_ticks, replayed_controller, replayed_estimator
-from experiments.replay.recorded_ticks import Tick
+from experiments.configuration.inputs import ESTIMATOR
+from experiments.replay import recorded_ticks, replayed_controller
+from experiments.replay.recorded_ticks import BELIEVED, Tick
 from experiments.replay.replayed_controller import ReplayedController
 from msgs_yaml import conversions
-from msgs_yaml.types import Command, EstimatedState, Prediction, StopPlan, Why
+from msgs_yaml.types import Chassis, Command, EstimatedState, Gnss, Imu, Prediction, StopPlan, Why
+from node_runtime import parameters
+from state_estimator.estimators import Stream
+from state_estimator.parameters import EstimatorParams
+from vehicle_plant.sensors import TOPICS
 
 COMMAND_TOLERANCE = 1e-6  # rad, rad/s, N
 VALUE_TOLERANCE = 1e-6  # of max(1, |recorded|), for all other numbers
@@ -102,7 +109,7 @@ def check(bag: read.Bag, settings: Mapping[str, Any]) -> Report:
     compared = compare_ticks(recorded_ticks.read_ticks(bag), controller)
     if all(tick.gap for tick in compared):
         raise BagError(f'{name}: no tick can be repeated: {compared[0].gap}')
-    estimates = replayed_estimator.estimates(bag)
+    estimates = replay_estimates(bag)
     compared = tuple(
         answer._replace(pairs=(*answer.pairs, *pair_estimates(*estimates[answer.tick.stamp_ns])))
         if answer.tick.stamp_ns in estimates
@@ -110,6 +117,43 @@ def check(bag: read.Bag, settings: Mapping[str, Any]) -> Report:
         for answer in compared
     )
     return Report(name, bag.run_info, compared)
+
+
+def replay_estimates(bag: read.Bag) -> dict[int, tuple[EstimatedState, EstimatedState]]:
+    """Return (recorded, replayed) estimates by stamp [ns], {} of a run without an estimator.
+
+    Nor of a run on the wall clock, of which messages may be lost. Raises BagError for parameters
+    that today's estimator refuses.
+    """
+    noted = json.loads(bag.run_info.get('parameters', '{}')).get(ESTIMATOR)
+    if noted is None or bag.run_info.get('mode') != read.LOCKSTEP:
+        return {}
+    own = {name: noted[name] for name in parameters.leaves(EstimatorParams) if name in noted}
+    try:
+        params = parameters.build(EstimatorParams, own, lambda name: str(bag.path))
+    except parameters.ParameterError as error:
+        raise BagError(str(error)) from None
+    stream, replayed = Stream(params), {}
+    for message in _in_order(bag):
+        believed = stream.take(message)
+        if believed:
+            replayed[believed.state.stamp_ns] = believed.as_message()
+    recorded = {x.stamp_ns: x for x in read.values(bag, BELIEVED)}
+    return {ns: (recorded[ns], replayed[ns]) for ns in recorded.keys() & replayed.keys()}
+
+
+def _in_order(bag: read.Bag) -> Iterator[Imu | Chassis | Gnss]:
+    """Yield the valid messages of the sensors in the order in which they were sent."""
+    sent = []
+    for name in TOPICS:
+        recorded = read.recording(bag, name)
+        rows = zip(recorded.publish_ns.tolist(), recorded.payloads)
+        sent += [(ns, recorded.topic, payload) for ns, payload in rows]
+    for _, topic, payload in sorted(sent, key=lambda row: row[0]):
+        try:
+            yield decode_message(topic, payload)
+        except DECODE_ERRORS:
+            continue
 
 
 def compare_ticks(

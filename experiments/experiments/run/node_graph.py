@@ -155,7 +155,7 @@ def _keep_failed(staging, message):
         staging.keep_failed()
     except OSError as error:
         return f'{text}\n  left in {staging.root}: {error}'
-    return staging.relocate(text)
+    return text.replace(str(staging.root), str(staging.failed))
 
 
 def _drive(nodes, settings, staging, interrupt, progress, reader):

@@ -1,4 +1,4 @@
-"""Runs of several controllers through one scenario, one after the other, and their comparison."""
+"""Runs of several controllers through one scenario, and their comparison, with earlier runs too."""
 
 import os
 import shlex
@@ -14,12 +14,16 @@ from rich.console import Console
 from bags.command_line import print_text
 from bags.errors import BagError
 from bags.evaluation.metrics.outcome import stop_station
+from bags.storage import read
 from experiments import tick_events
 from experiments.configuration import inputs, node_config, run_advice
 from experiments.progress import RunProgress
-from experiments.run import compile_ahead, domain, earlier_runs, node_graph, run_file, staging
+from experiments.run import compile_ahead, domain, node_graph, run_file, staging
 from experiments.run.interrupt import Interrupt, Interrupted
 from experiments.run.node_graph import RunOutcome, RunSettings
+from msgs_yaml.strict_yaml import closest
+from node_runtime import provenance
+from scenario_publisher.scenario import Scenario
 
 WARNING = '[yellow]warning, {}:[/] '
 
@@ -56,7 +60,7 @@ def run(request: Request, console: Console) -> int:
         from experiments import pass_criteria
 
         pass_criteria.check_names(scn.expect, given.scenario)
-    others = earlier_runs.find(request.beside, request.out / scn.name, scn)
+    others = find_earlier(request.beside, request.out / scn.name, scn)
     folder, outcomes = run_controllers(request, console)
     bags = _kept_bags(outcomes)
     _show_earlier_runs(outcomes, request.overwrite, console)
@@ -67,13 +71,13 @@ def run(request: Request, console: Console) -> int:
 
         try:
             # other scenarios were refused before the run; other plants are what is compared
-            paths = earlier_runs.with_new_runs(others, outcomes)
+            paths = with_new_runs(others, outcomes)
             compared = compare_bags(paths, folder, force=bool(others))
         except Exception as error:
             kept = ' '.join(os.path.relpath(bag) for bag in bags)
             raise BagError(f'the comparison failed: {error}; kept: {kept}') from error
         show_comparison(compared, console)
-        for text in earlier_runs.describe_other_plants(paths):
+        for text in describe_other_plants(paths):
             console.print('[yellow]warning:[/] ', end='')
             print_text(console, text)
         runs = compared.values['runs']
@@ -225,3 +229,63 @@ def _run_each(settings, loaded, console):
 
 def _kept_bags(outcomes):
     return [outcome.bag for outcome in outcomes if outcome.bag]
+
+
+def find_earlier(names: Sequence[str], folder: Path, scn: Scenario) -> list[Path]:
+    """Return the folders of the named runs; a name without a separator is in `folder`.
+
+    Raises BagError for one that does not exist, is no bag, or drove another scenario.
+    """
+    paths = []
+    for name in names:
+        path = Path(os.path.expanduser(name)) if os.sep in name else folder / name
+        if not path.exists():
+            runs = sorted(bag.parent.name for bag in folder.glob('*/metadata.yaml'))
+            there = f'; there are {", ".join(runs)}' if runs else '; there is none yet'
+            raise BagError(
+                f'--beside {name}: no run {os.path.relpath(path)}{there}{closest(name, runs)}'
+            )
+        info = read.run_info(path)
+        if info.get('scenario_sha256') != provenance.digest(scn.text):
+            what = info.get('scenario', 'an unknown one')
+            same = what == scn.name
+            which = f'another version of {what}' if same else f'another scenario, {what}'
+            raise BagError(
+                f'--beside {name}: {os.path.relpath(path)} drove {which}; drive its controller in '
+                'this one too (a second --controller)'
+            )
+        paths.append(path)
+    return paths
+
+
+def describe_other_plants(paths: Sequence[Path]) -> list[str]:
+    """Return a line for each run that drove another plant than the first, and what differs."""
+    # imported late: pages and figures take a second to load
+    from bags.report.comparability import describe_plants
+
+    first, *others = paths
+    reference = read.run_info(first)
+    differing = {path: describe_plants(reference, read.run_info(path)) for path in others}
+    return [
+        f'{path.name} drove another plant than {first.name}: {what}; what differs between them is '
+        f'not of the controllers alone. To compare controllers, drive {path.name} once more with '
+        'the plant of the others (the same --set plant. options; for another car also its '
+        '--set controller.car_file, or --any-car) and a --label of its own'
+        for path, what in differing.items()
+        if what
+    ]
+
+
+def with_new_runs(others: Sequence[Path], outcomes: Sequence[RunOutcome]) -> list[Path]:
+    """Return the folders of new runs and of those to compare with, which may have got a number.
+
+    One that a new run repeated is that run.
+    """
+    new = {os.path.abspath(outcome.bag): outcome for outcome in outcomes if outcome.bag}
+    paths = [outcome.bag for outcome in new.values()]
+    for other in others:
+        replaced = new.get(os.path.abspath(other))
+        place = replaced.older if replaced else other
+        if place and place not in paths:
+            paths.append(place)
+    return paths

@@ -114,10 +114,6 @@ class StagingDirectory:
             return f'recorded until then, not closed: `bags repair {self.bag}` completes it'
         return 'nothing was recorded'
 
-    def relocate(self, text: str) -> str:
-        """Return a text with the paths of this folder as they are after `keep_failed`."""
-        return text.replace(str(self.root), str(self.failed))
-
     def _keep(self, target, aside):
         self.logs.rename(self.bag / LOGS)
         try:

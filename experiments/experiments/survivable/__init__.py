@@ -4,9 +4,7 @@ emergency         the instant from which the search may act, and everything that
 road_coordinates  the coarse path as a coordinate line: stations, offsets, edges
 sides             coarse paths past each obstacle on either side, the seeds of the search
 pilots            who drives: an MPCC with hindsight, or a manoeuvre tracked by feedback
-judgement         how far a trajectory is from surviving, and whether it survives
 bound             positions that no car can leave: what is impossible
 survival_search   `survivable(setup)`: possible (proved by a drive), impossible (bound) or undecided
-regret            the losses of controllers that were possible; controllers paired on the same draws
-report            the command: what is missing is searched, then shown
+report            the command: losses that were possible; controllers paired on the same draws
 """

@@ -8,7 +8,7 @@ from scipy import stats
 
 from bags.errors import BagError
 from experiments import drive_row
-from experiments.batch import distributions, study_file, study_rows
+from experiments.batch import distributions, run_batch, study_file
 from experiments.batch.distributions import Distribution
 from experiments.drive_row import NOMINAL, SCENARIO_FRICTION, SCENARIO_SPEED
 from experiments.families import draw as families
@@ -26,7 +26,7 @@ FOUR = {
 
 def rows_of(path):
     study = study_file.load(path)
-    rows = study_rows.rows_of(study, study_rows.combine(study))
+    rows = run_batch.rows_of(study, run_batch.combine(study))
     assert len(rows) == study.drives
     return rows
 
@@ -51,13 +51,13 @@ def test_a_run_has_one_offset_for_every_controller_and_setting_the_first_none(wr
     assert [len(offsets) for offsets in by_run.values()] == [1] * 4
     assert len(set.union(*by_run.values())) == 4
     # more runs begin with those of fewer; another seed gives others; they fill their ranges
-    offsets = study_rows.draw_offsets(61, seed=1)
-    assert offsets[:3] == study_rows.draw_offsets(3, seed=1)
-    assert not set(offsets[1:]) & set(study_rows.draw_offsets(61, seed=2))
+    offsets = run_batch.draw_offsets(61, seed=1)
+    assert offsets[:3] == run_batch.draw_offsets(3, seed=1)
+    assert not set(offsets[1:]) & set(run_batch.draw_offsets(61, seed=2))
     speed, grip = map(np.array, zip(*offsets[1:]))
     for values, spread in (
-        (speed, study_rows.SPEED_SPREAD_KPH),
-        (grip - 1, study_rows.GRIP_SPREAD),
+        (speed, run_batch.SPEED_SPREAD_KPH),
+        (grip - 1, run_batch.GRIP_SPREAD),
     ):
         # no tenth of a range is left out, none is preferred: 6 +- 3 of 60
         counts, _ = np.histogram((values / spread + 1) / 2, bins=10, range=(0, 1))
@@ -115,9 +115,9 @@ def test_an_element_without_a_value_is_an_error(write_study):
 @pytest.mark.parametrize('name', ['batch_example', 'robustness', 'speed_friction'])
 def test_every_setting_and_draw_of_a_shipped_study_is_accepted(name):
     study = study_file.load(share.path('experiments', 'config', f'{name}.yaml'))
-    combinations = study_rows.combine(study)
-    study_rows.check_drawn(study, combinations)
-    rows = sorted(study_rows.rows_of(study, combinations), key=lambda row: repr(row.settings))
+    combinations = run_batch.combine(study)
+    run_batch.check_drawn(study, combinations)
+    rows = sorted(run_batch.rows_of(study, combinations), key=lambda row: repr(row.settings))
     first, last = (drive_row.prepare(row) for row in (rows[0], rows[-1]))
     assert first != last
     if name == 'speed_friction':

@@ -7,7 +7,8 @@ import yaml
 from tyre_files import property_file
 
 from bags.errors import BagError
-from experiments.configuration import inputs, node_config, ros_parameter_file, set_option
+from experiments.configuration import inputs, node_config, set_option
+from experiments.run import launch_arguments
 from msgs_yaml import share
 from node_runtime import node_parameters, parameters, provenance
 from node_runtime.parameters import ROAD_FRICTION, RUN_TIME, SPEED
@@ -209,7 +210,7 @@ def file(tmp_path):
 
 
 def test_sections_of_parameter_files_are_for_their_nodes_and_the_last_file_counts(file, tmp_path):
-    values, sources = ros_parameter_file.read_files([str(file)], 'car1')
+    values, sources = launch_arguments.read_files([str(file)], 'car1')
     assert values == {
         'recorder': {'mode': 'realtime', 'poll_s': 0.01},
         'scenario': {'mode': 'realtime'},
@@ -220,10 +221,10 @@ def test_sections_of_parameter_files_are_for_their_nodes_and_the_last_file_count
     assert sources['plant']['start.speed_mps'] == f'{file}:5'
     later = tmp_path / 'later.yaml'
     later.write_text('/plant: {ros__parameters: {friction: 0.4}}\n')
-    values, sources = ros_parameter_file.read_files([str(file), str(later)], '/car1')
+    values, sources = launch_arguments.read_files([str(file), str(later)], '/car1')
     assert (values['plant']['friction'], values['plant']['start.speed_mps']) == (0.4, 10.0)
     assert sources['plant']['friction'] == f'{later}:1'
-    assert ros_parameter_file.read_files([]) == ({}, {})
+    assert launch_arguments.read_files([]) == ({}, {})
 
 
 @pytest.mark.parametrize(
@@ -244,7 +245,7 @@ def test_a_mistake_in_a_parameter_file_is_located(build, file, text, error):
     file.write_text(text)
     with pytest.raises(BagError, match=error):
         inputs.check_parameters(
-            build(given=ros_parameter_file.read_files([str(file)], 'car1')).values()
+            build(given=launch_arguments.read_files([str(file)], 'car1')).values()
         )
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from experiments.families import demand
-from experiments.families.demand import Area
+from experiments.families import lane_change_task as demand
+from experiments.families.lane_change_task import Area
 
 WIDE = 1e3
 AREA = Area(60.0, 0.5, 2.0, on_left=True)

@@ -8,7 +8,7 @@ import pytest
 from bags.errors import BagError
 from bags.storage import read
 from experiments.configuration import inputs
-from experiments.run import earlier_runs
+from experiments.run import run_and_compare
 from experiments.run.node_graph import RunOutcome
 from scenario_publisher import scenario
 
@@ -22,7 +22,7 @@ def recorded():
 
 
 def test_a_run_is_found_by_its_name_or_path_if_it_drove_the_scenario(recorded, monkeypatch):
-    assert earlier_runs.find(['frenet'], GOLDEN, recorded) == [GOLDEN / 'frenet']
+    assert run_and_compare.find_earlier(['frenet'], GOLDEN, recorded) == [GOLDEN / 'frenet']
     other = recorded._replace(text=recorded.text + '\n')
     for name, scn, message in (
         ('mpc', recorded, r'there are frenet, mpcc, mpcc_no_ca; did you mean .mpcc.'),
@@ -30,15 +30,15 @@ def test_a_run_is_found_by_its_name_or_path_if_it_drove_the_scenario(recorded, m
         ('mpcc', other, 'another version of double_lane_change'),
     ):
         with pytest.raises(BagError, match=message):
-            earlier_runs.find([name], GOLDEN, scn)
+            run_and_compare.find_earlier([name], GOLDEN, scn)
     monkeypatch.chdir(GOLDEN)
-    assert earlier_runs.find(['./mpcc'], Path('elsewhere'), recorded) == [Path('./mpcc')]
+    assert run_and_compare.find_earlier(['./mpcc'], Path('elsewhere'), recorded) == [Path('./mpcc')]
 
 
 def test_a_run_of_another_plant_is_announced_with_what_differs(monkeypatch):
     paths = [GOLDEN / name for name in ('mpcc', 'mpcc_no_ca', 'frenet')]
-    assert earlier_runs.describe_other_plants(paths) == []
-    run_info = earlier_runs.read.run_info
+    assert run_and_compare.describe_other_plants(paths) == []
+    run_info = run_and_compare.read.run_info
 
     def on_ice(path):
         info = run_info(path)
@@ -46,8 +46,8 @@ def test_a_run_of_another_plant_is_announced_with_what_differs(monkeypatch):
             info['parameters'] = info['parameters'].replace('"friction": 1.0', '"friction": 0.2')
         return info
 
-    monkeypatch.setattr(earlier_runs.read, 'run_info', on_ice)
-    (line,) = earlier_runs.describe_other_plants(paths)
+    monkeypatch.setattr(run_and_compare.read, 'run_info', on_ice)
+    (line,) = run_and_compare.describe_other_plants(paths)
     assert line.startswith('frenet drove another plant than mpcc: friction 1.0 and 0.2; ')
     assert 'drive frenet once more with the plant of the others' in line
     assert '--any-car' in line
@@ -58,6 +58,6 @@ def test_new_runs_take_the_place_of_those_that_they_repeat_or_move(tmp_path):
     moved, repeated = RunOutcome('mpcc', True, '', new, older), RunOutcome('mpcc', True, '', new)
     failed = RunOutcome('mpcc', False, '', None)
     relative = Path(os.path.relpath(new))
-    assert earlier_runs.with_new_runs([new, other], [moved]) == [new, older, other]
-    assert earlier_runs.with_new_runs([relative], [repeated]) == [new]
-    assert earlier_runs.with_new_runs([other], [failed]) == [other]
+    assert run_and_compare.with_new_runs([new, other], [moved]) == [new, older, other]
+    assert run_and_compare.with_new_runs([relative], [repeated]) == [new]
+    assert run_and_compare.with_new_runs([other], [failed]) == [other]

@@ -6,7 +6,7 @@ import pytest
 from bags.evaluation.metrics import compute_metrics
 from experiments import simulation
 from experiments.survivable import survival_search
-from experiments.survivable.judgement import survives
+from experiments.survivable.survival_search import survives
 
 # the lane is left free by nobody: the controller brakes for the oncoming car and is hit
 ONCOMING = [
