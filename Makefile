@@ -132,7 +132,8 @@ SAFE_TESTS := $(foreach name,gate fallback braking last_resort recovery stop_pla
   tests/mpcc_controller/test_run_time_parameters.py tests/mpcc_controller/model/test_car_file.py \
   $(foreach name,gate stepping,tests/vehicle_plant/test_$(name).py) \
   tests/node_runtime/test_input_monitor.py tests/node_runtime/test_clocks.py
-COVER_SAFE := $(BIN)/python -m coverage run --branch --include='$(SAFE)' -m pytest -q $(SAFE_TESTS) && \
+COVER_SAFE := $(BIN)/python -m coverage run --branch --include='$(SAFE)' -m pytest -q \
+  -o cache_dir=build/pytest/coverage $(SAFE_TESTS) && \
   $(BIN)/python -m coverage report --fail-under=100
 coverage: setup $(VENV)/.tests
 	$(COVER_SAFE)
@@ -150,8 +151,8 @@ coverage_whole: setup $(VENV)/.tests
 # machine for themselves or look at the built site; all others. The site is built and the first part
 # runs beside the last one, and each runs, whatever failed before it. Of the second part only the
 # files are read that have such a test: to collect all takes as long as some of them. What failed in
-# the other parts is named again at the end. Where nodes may
-# not be given real-time priority, drives on the wall clock (`wall_clock`) are in it, too.
+# the other parts is named again at the end. Where nodes may not be given real-time priority, drives
+# on the wall clock (`wall_clock`) are in it, too.
 ALONE = $(shell grep -rlwE --include='test_*.py' 'mark\.alone|mark\.site|wall_clock' tests)
 # Pages, notebooks, wheels, builds by colcon and what processes over DDS add to the nodes are tested
 # where something that they read differs from this commit: the last one that was pulled or, on it, the
@@ -159,16 +160,16 @@ ALONE = $(shell grep -rlwE --include='test_*.py' 'mark\.alone|mark\.site|wall_cl
 CHANGED_SINCE ?= $(shell git merge-base HEAD @{upstream} 2>/dev/null | grep -v "$$(git rev-parse HEAD)" \
   || echo HEAD~1)
 check: setup $(VENV)/.tests $(VENV)/.docs lint budget
-	failed=0; mkdir -p build; \
-	  { $(MAKE_COMMAND) --keep-going --jobs 2 side_by_side docs coverage 2>&1 || echo FAILED make; } \
-	    | tee build/check.log; \
+	failed=0; rm -rf build/pytest; \
+	  $(MAKE_COMMAND) --keep-going --jobs 2 side_by_side docs coverage || failed=1; \
 	  $(PYTEST) -m 'alone or site' --durations 10 $(ALONE) || failed=1; \
-	  ! grep -E '^(FAILED|ERROR) ' build/check.log || failed=1; \
+	  cat build/pytest/*/v/cache/lastfailed 2>/dev/null; \
 	  exit $$failed
 
 side_by_side: setup $(VENV)/.tests
 	CHANGED_SINCE=$(CHANGED_SINCE) \
-	  $(PARALLEL) -m 'not (alone or site or nightly)' $(addprefix --ignore=,$(SAFE_TESTS))
+	  $(PARALLEL) -m 'not (alone or site or nightly)' -o cache_dir=build/pytest/side_by_side \
+	  $(addprefix --ignore=,$(SAFE_TESTS))
 
 # with all pages, notebooks, wheels, builds and processes over DDS
 nightly: setup $(VENV)/.tests
