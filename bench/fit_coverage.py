@@ -6,6 +6,7 @@ The single track drives a slalom of growing amplitude for 30 s to its limit; lat
 rate get noise of 0.03 m/s and 0.01 rad/s. Intervals are those of 95 %.
 """
 
+import argparse
 import sys
 from pathlib import Path
 
@@ -23,6 +24,7 @@ FIRST_SEED, COUNT = 9200, 100
 
 def main() -> None:
     """Fit the logs, and print how many intervals hold the truth."""
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     car = car_file.read('car.yaml')
     logs = [single_track_log(car, FIRST_SEED + k) for k in range(COUNT)]
     fits = [single_track_fit.fit([log], car) for log in logs]

@@ -8,6 +8,7 @@ recorder's process, which other load on the machine changes little; it does chan
 losses.
 """
 
+import argparse
 import json
 import os
 import signal
@@ -300,6 +301,7 @@ PARTS = {
 
 def main() -> int:
     """Print a table per part."""
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     print(f'load {os.getloadavg()[0]:.1f}')
     for name, (measure, targets) in PARTS.items():

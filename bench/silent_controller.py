@@ -8,6 +8,7 @@ command, and brakes straight, once it has the stop plan, too. Prints in how many
 to its end on the road and without contact.
 """
 
+import argparse
 from collections.abc import Iterator
 from random import Random
 
@@ -39,6 +40,7 @@ STRAIGHT, PLAN, ONLY_STRAIGHT = 'straight', 'along the stop plan', 'only straigh
 
 def main() -> None:
     """Drive, and print the table."""
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     rows = pd.DataFrame(
         case for family in FAMILIES for draw in range(DRAWS) for case in silences(family, draw)
     )
