@@ -267,9 +267,10 @@ def unforeseen_pedestrian(random: Random, hard: bool) -> Document | None:
 
 
 def _behind_van(random, hard, emerging):
-    """Return who is hidden at first, and in the way when a car at the desired speed is there.
+    """Return who is in the way when a car at the desired speed is there.
 
-    The same draw for each of the two speeds: from both desired speeds the pedestrian is hidden.
+    The same draw for each of the two speeds: from a car that does not foresee them they are hidden
+    at first, one that does has all but stopped beside the van by then.
     """
     speed, at = random.uniform(8.0, 15.0), random.uniform(-1.0, 0.5)
     beside = random.uniform(*((0.4, 1.0) if hard else (0.6, 1.5)))  # m between van and car
@@ -294,15 +295,16 @@ def _behind_van(random, hard, emerging):
         )
         return parts | {'sight': {'hidden_by_obstacles': True, 'emerging_mps': foreseen}}
 
-    begins_s = {}
-    for foreseen in (0.0, EMERGING_MPS):
+    def begin(foreseen):
         path = scenario.parse(yaml.safe_dump(road(foreseen)), 'van.yaml').reference
         arrives_s = float(np.interp(there - feasibility.CAR_NOSE, path.X, path.t))
-        begins_s[foreseen] = rounded(arrives_s - (at - offset) / walks)
-        car_there = float(np.interp(begins_s[foreseen], path.t, path.X)), 0.0
-        if not sight.is_hidden(car_there, person, (parked,)):
-            return None
-    walker = disc(there, offset, PERSON_RADIUS, across_mps=walks, appears_at_s=begins_s[emerging])
+        begins_s = rounded(arrives_s - (at - offset) / walks)
+        return begins_s, (float(np.interp(begins_s, path.t, path.X)), 0.0)
+
+    if not sight.is_hidden(begin(0.0)[1], person, (parked,)):
+        return None
+    begins_s, _ = begin(emerging)
+    walker = disc(there, offset, PERSON_RADIUS, across_mps=walks, appears_at_s=begins_s)
     return either_side(random, road(emerging, walker))
 
 
