@@ -2,7 +2,8 @@
 
 Format: https://mcap.dev/spec. Only chunks carry a checksum, so they are located by signature,
 wherever they are, and accepted by CRC; the records between them are walked from one chunk to the
-next. So a broken record costs only itself, and no chunk other than its own.
+next, and from the last one to the summary, which the footer locates. So a broken record costs those
+up to the next chunk or to the summary, and no chunk other than its own.
 """
 
 import re
@@ -64,6 +65,9 @@ def scan_records(data: bytes) -> Iterator[Record | Damage]:
             yield Damage(begin, 'the head of a chunk is wrong, its contents are not')
         yield Record(begin, Opcode.CHUNK, contents, True)
         position = end
+    if (closing := _closing_at(data, position)) is not None:
+        yield from _between(data, position, closing)
+        position = closing
     yield from _between(data, position, len(data))
 
 
@@ -77,6 +81,19 @@ def records_in_chunk(contents: bytes) -> Iterator[tuple[int, int, int]]:
             return
         yield opcode, position, position + length
         position += length
+
+
+def _closing_at(data, position):
+    """Return where a closed file has the end of its data, before its summary; None without one."""
+    footer = len(data) - len(MCAP0_MAGIC) - FOOTER.size - RECORD_PREFIX.size
+    if footer < position or RECORD_PREFIX.unpack_from(data, footer) != (Opcode.FOOTER, FOOTER.size):
+        return None
+    summary, *_ = FOOTER.unpack_from(data, footer + RECORD_PREFIX.size)
+    begin = summary - DATA_END.size - RECORD_PREFIX.size
+    if not position <= begin <= footer:
+        return None
+    is_end = RECORD_PREFIX.unpack_from(data, begin) == (Opcode.DATA_END, DATA_END.size)
+    return begin if is_end else None
 
 
 def _between(data, position, end):

@@ -123,6 +123,16 @@ def assert_read_by_rosbags(folder, messages):
         assert reader.message_count == len(messages)
 
 
+def test_a_broken_record_behind_the_last_chunk_does_not_hide_the_summary(healthy, damage):
+    whole, messages, (*chunks, _) = healthy
+    wrong = bytearray(whole)
+    wrong[chunks[0][0] + 100] ^= 1  # topics are described in the first chunk, and in the summary
+    wrong[chunks[-1][1] + 5] ^= 1  # of the length of the record
+    folder = damage(wrong)
+    repair.repair_bag(folder)
+    assert_complete(folder, messages[IN_CHUNK:])
+
+
 @settings(max_examples=BAGS)
 @given(
     # bits to flip, as place and bit; bytes to set; how much of the file is left
