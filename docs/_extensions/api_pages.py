@@ -38,9 +38,13 @@ def _title(text, line):
 
 
 def write_pages(root: Path, docs: Path) -> None:
-    """Write the pages of all folders."""
-    for folder, modules in folders(root).items():
+    """Write the pages of all folders, and remove those of folders that are no more."""
+    found = folders(root)
+    for folder, modules in found.items():
         write_if_changed(docs / FOLDER / f'{folder}.rst', page(folder, modules))
+    for path in (docs / FOLDER).glob('*.rst'):
+        if path.stem not in found:
+            path.unlink()
 
 
 def _write_pages(app):

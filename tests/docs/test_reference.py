@@ -120,6 +120,15 @@ def test_every_module_but_those_of_commands_has_a_place():
     assert {*PACKAGES} <= folders.keys()
 
 
+def test_the_page_of_a_folder_that_is_no_more_is_removed(tmp_path):
+    stale = tmp_path / api_pages.FOLDER / 'bags.gone.rst'
+    stale.parent.mkdir(parents=True)
+    stale.touch()
+    api_pages.write_pages(ROOT, tmp_path)
+    assert not stale.exists()
+    assert stale.with_name('bags.rst').exists()
+
+
 @pytest.mark.parametrize(
     ('text', 'rest'),
     [
