@@ -160,10 +160,11 @@ ALONE = $(shell grep -rlwE --include='test_*.py' 'mark\.alone|mark\.site|wall_cl
 CHANGED_SINCE ?= $(shell git merge-base HEAD @{upstream} 2>/dev/null | grep -v "$$(git rev-parse HEAD)" \
   || echo HEAD~1)
 check: setup $(VENV)/.tests $(VENV)/.docs lint budget
-	failed=0; rm -rf build/pytest; \
-	  $(MAKE_COMMAND) --keep-going --jobs 2 side_by_side docs coverage || failed=1; \
+	failed=0; mkdir -p build; \
+	  $(MAKE_COMMAND) --keep-going --jobs 2 side_by_side docs coverage 2>&1 | tee build/check.log \
+	    || failed=1; \
 	  $(PYTEST) -m 'alone or site' --durations 10 $(ALONE) || failed=1; \
-	  cat build/pytest/*/v/cache/lastfailed 2>/dev/null; \
+	  grep -E '^(FAILED|ERROR)|WARNING:|\*\*\*' build/check.log || true; \
 	  exit $$failed
 
 side_by_side: setup $(VENV)/.tests

@@ -118,7 +118,7 @@ def main() -> None:
     found = table()
     print(found)
     if options.out:
-        options.out.write_text(found + '\n')
+        options.out.write_text(f'# Errors of the prediction\n\n{found}\n')
 
 
 if __name__ == '__main__':
