@@ -42,6 +42,7 @@ PAIRS = (
     ('mpcc', 'frenet_lineage'),
 )
 DIFFERENCE, HEADING_DIFFERENCE = (' - '.join(pair) for pair in PAIRS[:2])
+HEADING_GAIN = ('mpcc_heading', 'mpcc')
 
 
 class Quantity(NamedTuple):
@@ -104,7 +105,7 @@ def analyse(plan: Mapping[str, Any], drives: pd.DataFrame) -> Results:
         verdicts=decide(gap, balance, rules),
         stop=stop(plan, drives),
         shares=list(_shares(judged)),
-        gaps=list(_gaps(judged, pairs)),
+        gaps=list(_gaps(judged, [*pairs, HEADING_GAIN] if PAIRS[1] in pairs else pairs)),
         limits=list(_limits(compared)),
         losses=list(_losses(compared)),
         balances=[row for pair in pairs for row in _balances(judged, pair, rules)],

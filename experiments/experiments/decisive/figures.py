@@ -25,10 +25,10 @@ LABELS = {
     'mpcc': 'tuned MPCC',
     'frenet': 'tuned baseline',
     'mpcc_heading': 'tuned MPCC with heading cost',
-    'frenet_matched': "baseline with the MPCC's weights",
-    'frenet_lineage': 'baseline, older published weights',
-    'mpcc_shipped': 'MPCC, not tuned',
-    'frenet_shipped': 'baseline, not tuned',
+    'frenet_matched': "baseline, MPCC's weights, no heading cost",
+    'frenet_lineage': 'baseline, published tolerances',
+    'mpcc_shipped': 'MPCC, weights set by hand',
+    'frenet_shipped': 'baseline, weights set by hand',
 }
 FACTOR_LABELS = {
     'frame': 'path frame',
@@ -68,8 +68,9 @@ def write_all(
             'win_balance': draw_balances(results.balances, rules),
             'search_cost': draw_searches(trials),
         }
-        if results.effects:  # a study may have no factorial
-            drawn['mechanism'] = draw_effects(results.effects)
+        effects = [row for row in results.effects if np.isfinite(row.estimate.low)]
+        if effects:  # of a factorial with several tasks in which a quantity has a value
+            drawn['mechanism'] = draw_effects(effects)
         if marginals:  # or no draw that shows the MPCC's part of the picture
             drawn['picture'] = draw_picture(marginals)
         folder.mkdir(parents=True, exist_ok=True)
@@ -82,9 +83,7 @@ def write_all(
 
 def draw_gap(results: Results, rules: Rules, span: tuple[float, float]) -> Figure:
     """Return the avoidance of every arm over S, and the gap of the compared arms below."""
-    figure, (above, below) = _sheet(
-        'How many tasks does each controller avoid, the harder they are?', 6.4, 2
-    )
+    figure, (above, below) = _sheet('How many tasks does each controller avoid, by demand?', 6.4, 2)
     strata = sorted({row.group for row in results.shares} - {'all'}, key=int)
     edges = np.linspace(*span, len(strata) + 1)
     places = (edges[:-1] + edges[1:]) / 2
@@ -101,10 +100,11 @@ def draw_gap(results: Results, rules: Rules, span: tuple[float, float]) -> Figur
         )
     above.set(ylabel=AVOIDED, ylim=(-3, 103), title='Avoided, by controller')
     margin = 100 * rules.gap_margin
-    _margin(below.axhspan, margin, f'within ±{margin:g} points: equivalent')
+    look = {'color': '#E4E4E4', 'lw': 0, 'zorder': 0.5, 'label': f'margin: ±{margin:g} points'}
+    below.axhspan(-margin, margin, **look)
     _points(below, places, _select(results.gaps, strata, name=DIFFERENCE), 100, ls='-')
     overall = _select(results.gaps, ['all'], name=DIFFERENCE)[0].estimate
-    label = f'all tasks: {100 * overall.mean:+.1f} points'
+    label = f'all tasks: {100 * overall.mean:+.1f} points, 95 %'
     below.axhspan(100 * overall.low, 100 * overall.high, color='#56B4E9', alpha=0.45, lw=0)
     below.axhline(100 * overall.mean, color=style.KNOWN['mpcc'], lw=1.5, label=label)
     below.set(ylabel='difference [points]', title='Tuned MPCC less tuned baseline')
@@ -151,7 +151,7 @@ def draw_losses(rows: Sequence[Row]) -> Figure:
     names = {
         analysis.HIGH: 'friction believed\n5 % too high',
         analysis.LOW: 'friction believed\n5 % too low',
-        analysis.LATENCY: '25 ms of latency\nthat it does not know',
+        analysis.LATENCY: 'per 25 ms of latency\nthat it does not know',
         analysis.KNOWN_LATENCY: '50 ms, in its model\nwith the servos',
     }
     figure, axes = _sheet('How much avoidance do wrong friction and latency cost?', 3.9)
@@ -174,13 +174,16 @@ def draw_balances(rows: Sequence[Row], rules: Rules) -> Figure:
     figure, panels = _sheet('Who is better, task by task?', 1.2 + 1.75 * len(pairs), len(pairs))
     margin = 100 * rules.balance_margin
     places = np.arange(len(QUANTITIES), dtype=float)[::-1]
-    for axes, pair in zip(panels if len(pairs) > 1 else [panels], pairs):
+    panels = np.atleast_1d(panels)
+    for axes, pair in zip(panels, pairs):
         first, second = pair.split(' - ')
         for group, sign, name in (('better', 1, first), ('worse', -1, second)):
             shares = [100 * sign * row.estimate.mean for row in _select(rows, [group], name=pair)]
             colour = style.KNOWN[name.partition('_')[0]]
             axes.barh(places, shares, 0.6, color=colour, alpha=0.35)
-        _margin(axes.axvspan, margin, f'balance within ±{margin:g} points: equivalent')
+        if pair == DIFFERENCE:  # the pair and the first of the quantities have a verdict
+            look = {'color': '#E4E4E4', 'zorder': 0.5, 'label': f'margin: ±{margin:g} points'}
+            axes.barh(places[0], 2 * margin, 0.95, -margin, **look)
         own = _select(rows, ['balance'], name=pair)
         look = {'ms': 4, 'capsize': 3, 'lw': None}
         label = 'balance: share better less share worse'
@@ -193,16 +196,15 @@ def draw_balances(rows: Sequence[Row], rules: Rules) -> Figure:
         axes.set_title(
             f'{LABELS[first]} better', loc='right', fontsize=8, color=style.KNOWN['mpcc']
         )
-    axes.set_xlabel('share of tasks [%]; a crash is last, two crashes tie')
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc='outside lower center', ncols=2)
+    axes.set_xlabel('share of tasks [%]; a failure is worst, two failures tie; whiskers: 95 %')
+    figure.legend(*panels[0].get_legend_handles_labels(), loc='outside lower center', ncols=2)
     return figure
 
 
 def draw_effects(rows: Sequence[Row]) -> Figure:
     """Return what each difference of the two formulations does, and each pair of them."""
     quantities = list(dict.fromkeys(row.what for row in rows))
-    title = 'What does each part of the baseline change in the MPCC?'
+    title = 'What do parts of the baseline change, and pairs of them (×)?'
     figure, panels = _sheet(title, 4.6, 1, len(quantities))
     names = [row.name for row in rows if row.what == quantities[0]]
     places = np.arange(len(names), dtype=float)[::-1]
@@ -222,7 +224,7 @@ def draw_effects(rows: Sequence[Row]) -> Figure:
         axes.set_xlabel(QUANTITIES[what].unit)
         axes.set_yticks(places, [])
         axes.set_ylim(-0.6, len(names) - 0.4)
-    labels = [' + '.join(FACTOR_LABELS[part] for part in name.split(' x ')) for name in names]
+    labels = [' × '.join(FACTOR_LABELS[part] for part in name.split(' x ')) for name in names]
     panels[0].set_yticks(places, labels)
     return figure
 
@@ -244,18 +246,19 @@ def draw_picture(marginals: Sequence[Marginal]) -> Figure:
     axes.set_title('median', loc='right', fontsize=8)
     axes.set_xlabel(
         'middle half of the nearest draws, as percentiles of all draws\n'
-        '(shaded: middle half of all; grey bar: no difference beyond chance)'
+        '(shaded: middle half of all; grey: no difference beyond chance)'
     )
     return figure
 
 
 def draw_exchange(exchange: Exchange) -> Figure:
     """Return where both cars drive in a task, and what each exchange does to the MPCC's plan."""
-    title = f'Why does only the {LABELS[exchange.avoids]} avoid here?'
+    title = f'A task that only the {LABELS[exchange.avoids]} avoids'
     figure, (road, wheel, plan) = _sheet(title, 7.4, 3)
     scn = exchange.scn
     for side in (scn.edges.left, scn.edges.right):
         road.plot(*side.T, color=style.EDGE, lw=1.2)
+    road.plot(scn.reference.X, scn.reference.Y, color=style.QUIET, ls='--', label='coarse path')
     for obstacle in scn.obstacles.items:
         for disc in obstacle.discs():
             road.add_patch(Circle((disc.X, disc.Y), disc.r_obs, color=style.EDGE, alpha=0.6, lw=0))
@@ -270,7 +273,7 @@ def draw_exchange(exchange: Exchange) -> Figure:
     wheel.set(ylabel='angle [deg]', title='Steering of the front wheels')
     sizes = exchange.sizes()
     colours = (*style.OTHERS[: len(sizes) - 3], style.QUIET, style.KNOWN['frenet'], style.INK)
-    labels = {ALL: 'all four', WEIGHTS: "baseline's weights", BOTH: 'all four and weights'}
+    labels = {ALL: 'all four parts', WEIGHTS: "baseline's weights", BOTH: 'parts and weights'}
     labels |= FACTOR_LABELS
     X = exchange.driven['mpcc'].X
     for name, colour in zip(sizes, colours, strict=True):
@@ -331,10 +334,6 @@ def _points(axes, places, rows, factor=1, across=False, **look):
         axes.errorbar(means, places, xerr=errors, **usual | look)
     else:
         axes.errorbar(places, means, yerr=errors, **usual | look)
-
-
-def _margin(span, margin, label):
-    span(-margin, margin, color='#E4E4E4', lw=0, zorder=0.5, label=label)
 
 
 def _quantity_label(what, rules):
