@@ -132,8 +132,7 @@ SAFE_TESTS := $(foreach name,gate fallback braking last_resort recovery stop_pla
   tests/mpcc_controller/test_run_time_parameters.py tests/mpcc_controller/model/test_car_file.py \
   $(foreach name,gate stepping,tests/vehicle_plant/test_$(name).py) \
   tests/node_runtime/test_input_monitor.py tests/node_runtime/test_clocks.py
-COVER_SAFE := $(BIN)/python -m coverage run --branch --include='$(SAFE)' -m pytest -q \
-  -o cache_dir=build/pytest/coverage $(SAFE_TESTS) && \
+COVER_SAFE := $(BIN)/python -m coverage run --branch --include='$(SAFE)' -m pytest -q $(SAFE_TESTS) && \
   $(BIN)/python -m coverage report --fail-under=100
 coverage: setup $(VENV)/.tests
 	$(COVER_SAFE)
@@ -169,7 +168,7 @@ check: setup $(VENV)/.tests $(VENV)/.docs lint budget
 
 side_by_side: setup $(VENV)/.tests
 	CHANGED_SINCE=$(CHANGED_SINCE) \
-	  $(PARALLEL) -m 'not (alone or site or nightly)' -o cache_dir=build/pytest/side_by_side \
+	  $(PARALLEL) -m 'not (alone or site or nightly)' \
 	  $(addprefix --ignore=,$(SAFE_TESTS))
 
 # with all pages, notebooks, wheels, builds and processes over DDS

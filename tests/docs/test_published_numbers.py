@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from experiments import settings_study
-from experiments.decisive import analysis, plan, run
+from experiments.decisive import analysis, picture, plan, run
 
 ROOT = Path(__file__).parents[2]
 MATCHED, LINEAGE = 'frenet_matched', 'frenet_lineage'
@@ -81,6 +81,19 @@ def test_results_have_limits_losses_and_effects_of_tuned_controllers(tuned):
     for factor in ('frame', 'heading', 'shape'):
         mean, low, high = rows[factor, 'peak_sideslip_deg', 'effect'][:3]
         assert f'{mean:+.2f} deg ({low:+.2f} to {high:+.2f})' in results
+
+
+def test_readme_and_results_have_how_rare_the_picture_is():
+    folder = ROOT / 'paper/study'
+    rules, drives = plan.read(folder)['picture'], run.read(folder, 'picture')
+    distances = picture.distances(drives, rules)
+    draws = (drives['arm'] == 'mpcc').sum()
+    assert f'{(distances == 0).sum()} of {draws:,} draws' in page('README.md')
+    assert f'safety distance in {len(distances)}, and in one of these' in page('docs/results.md')
+    demand = next(row for row in picture.marginals(drives, rules) if row.name == 'S')
+    before, after = demand.prior[1], demand.posterior[1]
+    assert f'(median {after:.2f} instead of {before:.2f})' in page('docs/results.md')
+    assert f'({after:.2f} of the limit in the median)' in page('README.md')
 
 
 def test_results_say_how_many_settings_are_undetermined(shares):

@@ -45,6 +45,7 @@ LATENCY_LABELS = {
 MARKERS = ('o', 's', 'D', '^', 'v', 'P', 'X')
 AVOIDED = 'tasks avoided [%]'
 MOST_SHOWN = 12  # parameters of the picture
+SHADE = {'color': '#E4E4E4', 'lw': 0, 'zorder': 0.5}
 
 
 def write_all(
@@ -100,8 +101,7 @@ def draw_gap(results: Results, rules: Rules, span: tuple[float, float]) -> Figur
         )
     above.set(ylabel=AVOIDED, ylim=(-3, 103), title='Avoided, by controller')
     margin = 100 * rules.gap_margin
-    look = {'color': '#E4E4E4', 'lw': 0, 'zorder': 0.5, 'label': f'margin: ±{margin:g} points'}
-    below.axhspan(-margin, margin, **look)
+    below.axhspan(-margin, margin, label=f'margin: ±{margin:g} points', **SHADE)
     _points(below, places, _select(results.gaps, strata, name=DIFFERENCE), 100, ls='-')
     overall = _select(results.gaps, ['all'], name=DIFFERENCE)[0].estimate
     label = f'all tasks: {100 * overall.mean:+.1f} points, 95 %'
@@ -182,8 +182,8 @@ def draw_balances(rows: Sequence[Row], rules: Rules) -> Figure:
             colour = style.KNOWN[name.partition('_')[0]]
             axes.barh(places, shares, 0.6, color=colour, alpha=0.35)
         if pair == DIFFERENCE:  # the pair and the first of the quantities have a verdict
-            look = {'color': '#E4E4E4', 'zorder': 0.5, 'label': f'margin: ±{margin:g} points'}
-            axes.barh(places[0], 2 * margin, 0.95, -margin, **look)
+            label = f'margin: ±{margin:g} points'
+            axes.barh(places[0], 2 * margin, 0.95, -margin, label=label, **SHADE)
         own = _select(rows, ['balance'], name=pair)
         look = {'ms': 4, 'capsize': 3, 'lw': None}
         label = 'balance: share better less share worse'
@@ -240,7 +240,7 @@ def draw_picture(marginals: Sequence[Marginal]) -> Figure:
         axes.plot([low, high], [place, place], color=colour, lw=5, solid_capstyle='butt')
         axes.plot(median, place, 'o', color=style.INK, ms=5)
         axes.annotate(f'{row.posterior[1]:.3g}', (101, place), va='center', annotation_clip=False)
-    axes.axvspan(25, 75, color='#E4E4E4', lw=0, zorder=0.5)
+    axes.axvspan(25, 75, **SHADE)
     axes.set_yticks(range(len(shown))[::-1], [row.name.replace('_', ' ') for row in shown])
     axes.set(xlim=(0, 100), ylim=(-0.6, len(shown) - 0.4))
     axes.set_title('median', loc='right', fontsize=8)

@@ -31,6 +31,15 @@ def typical(plan: Mapping[str, Any], tuned: pd.DataFrame, arm: str) -> pd.Series
     return own.loc[nearest, list(ranges)].rename(nearest)
 
 
+def at_ends(plan: Mapping[str, Any], tuned: pd.DataFrame, arm: str) -> str:
+    """Return how many searches of an arm chose an end of a range, in all and by weight."""
+    own = tuned[tuned['arm'] == arm].dropna(axis=1)
+    ranges = {name: ends for name, ends in plan['search']['ranges'].items() if name in own}
+    at = pd.DataFrame({name: own[name].isin(ends) for name, ends in ranges.items()})
+    shown = ', '.join(f'{name} {count}' for name, count in at.sum().items() if count)
+    return f'{at.any(axis=1).sum()} of {len(at)} ({shown})'
+
+
 def write(plan: Mapping[str, Any], folder: Path, out: Path, console: Console) -> None:
     """Show what the tables in `folder` say, and write it with its figures into `out`.
 
@@ -49,7 +58,18 @@ def write(plan: Mapping[str, Any], folder: Path, out: Path, console: Console) ->
         weights = typical(plan, tables['tuned'], arm)
         shown = ', '.join(f'{name} {value:.4g}' for name, value in weights.items())
         lines.append(f'  {arm}, replicate {weights.name}: {shown}')
-    lines += ['', 'picture']
+        lines.append(
+            f'  searches that chose an end of a range: {at_ends(plan, tables["tuned"], arm)}'
+        )
+    distances = picture.distances(tables['picture'], plan['picture'])
+    drawn = tables['picture'].set_index('arm')
+    nearest = drawn[drawn['task'].isin(distances.index[:1])]
+    lines += [
+        '',
+        f'picture: the MPCC keeps every safety distance in {len(distances)} draws, and '
+        f'every item holds in {(distances == 0).sum()}; the nearest:',
+        nearest[['S', *analysis.QUANTITIES]].to_string(float_format='{:.2f}'.format),
+    ]
     marginals = picture.marginals(tables['picture'], plan['picture'])
     for row in marginals:
         before, after = (' '.join(f'{value:10.4g}' for value in v) for v in row[1:3])
