@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+from closed_loops import fixed_weights
 from tables import markdown
 
 from experiments import simulation
@@ -93,7 +94,8 @@ def errors(given: Windows, setup: Setup, params: ControllerParams) -> np.ndarray
 
 def table() -> str:
     """Drive, predict, and return the table."""
-    setups = [simulation.prepare(SCENARIO, CONTROLLER, speed_mps=v) for v in SPEEDS_MPS]
+    settings = {'controller': fixed_weights(CONTROLLER)}
+    setups = [simulation.prepare(SCENARIO, CONTROLLER, settings, v) for v in SPEEDS_MPS]
     dt = setups[0].params.model.step_s
     ticks = round(AHEAD_S[-1] / dt)
     recorded = [windows(setup, ticks) for setup in setups]

@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from closed_loops import fixed_weights
 from matplotlib.figure import Figure
 from tables import markdown
 
@@ -90,7 +91,8 @@ def closed_loop_table() -> str:
     for speed in SPEEDS_KPH:
         for controller in CONTROLLERS:
             for plant, car in PLANTS.items():
-                values = {'plant': {'plant_params': car}, 'controller': {'car_file': CAR_FILE}}
+                own = fixed_weights(controller) | {'car_file': CAR_FILE}
+                values = {'plant': {'plant_params': car}, 'controller': own}
                 setup = simulation.prepare('double_lane_change', controller, values, speed / KPH)
                 begin = time.process_time()
                 drive = simulation.drive(setup)

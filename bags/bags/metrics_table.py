@@ -15,7 +15,6 @@ from rich.text import Text
 
 from bags.evaluation.drive import Drive
 from bags.evaluation.metrics.registry import Metric, flatten, table_metrics
-from bags.figures.style import TUNED
 
 CSV_FILE = 'comparison.csv'
 COLOURS = {True: 'green', False: 'red', None: ''}
@@ -117,9 +116,7 @@ def build_table(comparison: Mapping[str, Any], brief: bool = False) -> Table:
     table.add_column('metric', no_wrap=True)
     table.add_column('unit', no_wrap=True)
     for name in runs:
-        # on two lines, so that three of them fit into 80 characters, too
-        shown = f'{name.removesuffix(TUNED)}\n{TUNED[1:]}' if name.endswith(TUNED) else name
-        table.add_column(f'{shown}{marks[name]}', justify='right', no_wrap=True)
+        table.add_column(f'{name}{marks[name]}', justify='right', no_wrap=True)
     if with_paper:
         table.add_column('paper', justify='right', style='dim', no_wrap=True)
     for line in table_lines(runs):

@@ -1,7 +1,10 @@
 """Drives in process, evaluated; and a drive tick by tick."""
 
+from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any, NamedTuple
+
+from closed_loops import fixed_weights
 
 from bags.evaluation.drive import Drive, drive_from_columns
 from bags.evaluation.metrics import compute_metrics
@@ -31,6 +34,12 @@ class Driven(NamedTuple):
     def reports(self) -> list[dict[str, Any]]:
         """The values of /controller/why, tick by tick."""
         return [why.values for why in self.columns['/controller/why'].values]
+
+
+def prepare(scenario, controller, settings: Mapping = {}, speed_mps=None) -> simulation.Setup:
+    """Return `simulation.prepare` with the weights of tests, but where settings name others."""
+    own = {'controller': fixed_weights(controller) | settings.get('controller', {})}
+    return simulation.prepare(scenario, controller, settings | own, speed_mps)
 
 
 def driven(setup: simulation.Setup, explain: bool = False) -> Driven:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from driven_setups import driven
+from driven_setups import driven, prepare
 from node_graph import note_run
 from node_ring import NodeRing
 
@@ -60,7 +60,7 @@ class DriverBrakes(Simulator):
 def drive_faulty(scenario, controller, end_s=np.inf, **faults):
     """Return the Driven of a car with faults of its actuators."""
     values = {f'faults.{name}': value for name, value in faults.items()}
-    setup = simulation.prepare(scenario, controller, {'plant': values})
+    setup = prepare(scenario, controller, {'plant': values})
     stop = setup.scn.stop._replace(time=min(setup.scn.stop.time, end_s))
     return driven(setup._replace(scn=setup.scn._replace(stop=stop)), explain=True)
 

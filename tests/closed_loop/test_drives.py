@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from driven_setups import prepare
 
 from experiments import simulation
 from msgs_yaml import share
@@ -110,7 +111,7 @@ def test_a_drive_ends_within_its_bands(drive, scenario, controller, settings, kp
 
 def test_a_drive_that_is_not_explained_is_the_same_to_the_last_bit(drive):
     brief = drive(DOUBLE, 'mpcc').columns
-    explained = simulation.run(simulation.prepare(DOUBLE, 'mpcc'))
+    explained = simulation.run(prepare(DOUBLE, 'mpcc'))
     assert set(explained) - set(brief) == {'/controller/prediction', '/controller/stop_plan'}
     for topic, table in brief.items():
         if not hasattr(table, 'values'):

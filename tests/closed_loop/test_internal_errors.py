@@ -19,9 +19,8 @@ from typing import NamedTuple
 import commit_seed
 import numpy as np
 import pytest
-from driven_setups import Loop
+from driven_setups import Loop, prepare
 
-from experiments import simulation
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.last_resort import INTERNAL_ERROR
 
@@ -37,7 +36,7 @@ ENTRIES = ('step', 'report', 'prepare')  # of the controller: where exceptions a
 
 
 def loop_of(name):
-    setup = simulation.prepare('double_lane_change', name)
+    setup = prepare('double_lane_change', name)
     return Loop(setup, Controller(setup.params, setup.vehicle))
 
 

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from driven_setups import Loop
+from driven_setups import Loop, prepare
 
 from experiments import simulation
 from experiments.configuration import inputs
@@ -61,7 +61,7 @@ def largest_sideslip_deg(loop):
 
 @pytest.fixture(scope='module')
 def setup():
-    return simulation.prepare('double_lane_change', 'mpcc')
+    return prepare('double_lane_change', 'mpcc')
 
 
 def is_well(track, obstacles):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import yaml
-from driven_setups import driven
+from driven_setups import driven, prepare
 
 from experiments import simulation
 from experiments.families import scenario_document
@@ -30,7 +30,7 @@ PLANNED = {'solved', 'stopped_early'}
 
 def drive_slowly(speed, start, stop, obstacles=()):
     """Return the Driven of a car on a narrow straight road."""
-    setup = simulation.prepare('straight', 'mpcc', {'controller': {'model.low_speed': True}})
+    setup = prepare('straight', 'mpcc', {'controller': {'model.low_speed': True}})
     document = yaml.safe_load(setup.scn.text) | {
         'road': ROAD,
         'path': PATH,

@@ -116,11 +116,7 @@ SETTINGS = [
 CONTROLLERS = [
     ('mpc', "did you mean 'mpcc'"),
     ('frenet.yaml', "did you mean 'frenet'"),
-    (
-        'car',
-        "'car'; there are frenet, frenet_tuned, mpcc, mpcc_comfort, mpcc_no_ca, mpcc_no_ca_tuned, "
-        'mpcc_road, mpcc_tuned, tracking',
-    ),
+    ('car', "'car'; there are frenet, mpcc, mpcc_comfort, mpcc_no_ca, mpcc_road, tracking"),
     ('mpcc,frenet', 'once for each: --controller mpcc --controller frenet'),
     ('broken', "'broken' ... give its path, ./broken.yaml"),
     ('./raod.yaml', "did you mean 'road.yaml'"),

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 import pytest
+from closed_loops import fixed_weights
 
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.records import TickInputs
@@ -56,10 +57,10 @@ REST = Actuators(0, 0.0, 0.0, 0.0, 0.0, (0.0,) * 4)
 
 
 def load(name='mpcc', **changes):
-    """Return (controller parameters, car); changes are `group__field=value`."""
-    params = parameters.load(
-        ControllerParams, share.path('mpcc_controller', 'config', f'{name}.yaml')
-    )
+    """Return (parameters with the weights of tests, car); changes are `group__field=value`."""
+    file = share.path('mpcc_controller', 'config', f'{name}.yaml')
+    values = parameters.read_file(file).values | fixed_weights(name)
+    params = parameters.build(ControllerParams, values, file)
     for key, value in changes.items():
         group, field = key.split('__')
         block = dataclasses.replace(getattr(params, group), **{field: value})

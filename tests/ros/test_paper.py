@@ -14,7 +14,8 @@ ROOT = Path(__file__).parents[2]
 @pytest.mark.usefixtures('dds')
 def test_both_experiments_are_driven_and_the_picture_of_the_paper_is_drawn(tmp_path, monkeypatch):
     (tmp_path / 'paper').mkdir()
-    (tmp_path / 'paper/picture').symlink_to(ROOT / 'paper/picture')
+    for part in ('circle_20m', 'picture'):
+        (tmp_path / 'paper' / part).symlink_to(ROOT / 'paper' / part)
     monkeypatch.chdir(tmp_path)
     assert cli.main(['paper', '--out', 'drawn']) == 0
     distances = json.loads(Path('drawn/circle_20m/distances.json').read_text())

@@ -25,7 +25,6 @@ WIDTH = 1.7  # points, of a single run
 MANY = 8  # more runs have no colour of their own: each has that of its controller
 MANY_WIDTH = 0.8  # points, of one of them
 TIME_LABEL = 'time label'  # gid of texts of which one that covers another is hidden
-TUNED = '_tuned'  # suffix of a tuned controller, which is drawn like the untuned one
 
 INK = '#262626'
 QUIET = '#6F6F6F'
@@ -71,17 +70,9 @@ RC = {
 
 
 def assign_colours(names):
-    """Return {controller: colour}; unknown names share OTHERS in the order given.
-
-    A tuned controller has the colour of the untuned one, unless both are shown.
-    """
+    """Return {controller: colour}; unknown names share OTHERS in the order given."""
     spare = iter(OTHERS * len(names))
-    result = {}
-    for name in names:
-        plain = name.removesuffix(TUNED)
-        known = plain in KNOWN and (plain == name or plain not in names)
-        result[name] = KNOWN[plain] if known else next(spare)
-    return result
+    return {name: KNOWN[name] if name in KNOWN else next(spare) for name in names}
 
 
 class Look(NamedTuple):
@@ -112,8 +103,7 @@ def assign_looks(names: Sequence[str], controllers: Sequence[str] = ()) -> dict[
             name: Look(known[group], SOLID, MANY_WIDTH) for name, group in zip(names, controllers)
         }
     colours = assign_colours(names)
-    plain = {name: name.removesuffix(TUNED) for name in names}
-    dashes = {n: KNOWN_DASHES[p] for n, p in plain.items() if colours[n] == KNOWN.get(p)}
+    dashes = {name: KNOWN_DASHES[name] for name in names if name in KNOWN_DASHES}
     spare = iter([dash for dash in OTHER_DASHES if dash not in dashes.values()] * len(names))
     first, last = WIDTHS
     looks = {}

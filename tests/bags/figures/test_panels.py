@@ -121,18 +121,15 @@ def test_an_axis_is_not_filled_by_noise_and_holds_every_value(runs):
 # looks
 
 
-def test_a_controller_keeps_its_colour_and_a_tuned_one_that_of_the_untuned():
+def test_a_controller_keeps_its_colour_whoever_else_is_shown():
     known = style.KNOWN
-    for names in (['mpcc', 'frenet'], ['mpcc_tuned', 'frenet'], ['frenet', 'own']):
+    for names in (['mpcc', 'frenet'], ['own', 'frenet', 'mpcc'], ['frenet', 'own']):
         colours = style.assign_colours(names)
         assert colours['frenet'] == known['frenet']
-        assert colours[names[0]] == known[names[0].removesuffix('_tuned')]
-    both = style.assign_colours(['mpcc', 'mpcc_tuned'])
-    assert both['mpcc'] == known['mpcc'] != both['mpcc_tuned']
+        assert colours.get('mpcc', known['mpcc']) == known['mpcc']
+        assert colours.get('own') not in known.values()
     many = [f'own_{k}' for k in range(12)]
     assert list(style.assign_colours(many)) == many
-    tuned = style.assign_looks(['mpcc_no_ca_tuned'])
-    assert tuned['mpcc_no_ca_tuned'].dash == style.DASHED
 
 
 def test_curves_that_coincide_stay_visible_and_every_run_has_a_dash_of_its_own():

@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from closed_loops import fixed_weights
 
 from experiments import drive_row
 from experiments.decisive import outcome
@@ -16,7 +17,9 @@ AVOIDED = {
     'peak_sideslip_deg': 2.5,
     'rms_speed_error_mps': 1.5,
 }
+HARD = tuple((f'controller.{name}', value) for name, value in fixed_weights('mpcc').items())
 SOFT = (
+    *HARD,
     ('controller.tolerances.contouring_m', 3.0),
     ('controller.tolerances.steer_rate_radps', 0.06),
 )
@@ -41,8 +44,8 @@ def test_an_avoided_task_has_the_metrics_of_the_whole_drive():
 
 
 def test_a_drive_ends_where_it_has_failed():
-    """The shipped weights spin in this task: what follows is not simulated."""
-    setup = prepared(3)
+    """These weights spin in this task: what follows is not simulated."""
+    setup = prepared(3, HARD)
     values, whole = outcome.measure(setup), drive_row.drive(setup)
     assert not values['avoided']
     assert not whole['completed']

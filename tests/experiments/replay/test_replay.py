@@ -64,12 +64,12 @@ def test_the_controllers_of_the_paper_have_a_golden_recording():
 
 
 @compiler
-def test_a_weight_that_is_one_percent_larger_is_detected_and_shown(capsys, monkeypatch):
+def test_a_weight_that_is_one_percent_larger_is_detected_and_shown(all_ticks, capsys, monkeypatch):
     monkeypatch.setenv('COLUMNS', '80')
     bag = str(GOLDEN / 'mpcc')
     assert cli.main(['replay-check', bag]) == 0
-    assert 'the same in 162 ticks' in capsys.readouterr().out
-    for name in ('lag_m', 'steer_rate_radps'):
+    assert f'the same in {len(all_ticks)} ticks' in capsys.readouterr().out
+    for name in ('velocity_mps', 'steer_rate_radps'):
         noted = json.loads(read.run_info(GOLDEN / 'mpcc')['parameters'])['controller']
         tolerance = noted[f'tolerances.{name}'] / 1.01**0.5
         setting = f'controller.tolerances.{name}={tolerance}'
@@ -234,14 +234,17 @@ def test_in_realtime_a_lost_message_is_a_gap_in_the_replay(mpcc, all_ticks):
         (STATE, 40): 'its state was lost',
         (COMMAND, 60): 'its command was lost',
         (WHY, 80): 'a tick without a message of /controller/why',
-        (OBSTACLES, 0): 'what it knew of /scenario/obstacles was not recorded',
     }
     bag = in_mode(mpcc, 'realtime')
     for topic, tick in lost:
         row = RecordedTopic(mpcc, topic).row_of[all_ticks[tick].stamp_ns]
         bag = without(bag, topic, row)
+    # how many it heard before the first tick is a matter of the machine
+    while not read_ticks(bag, 1)[0].gaps:
+        bag = without(bag, OBSTACLES, 0)
     gaps = {tick.number: tick.gaps for tick in read_ticks(bag) if tick.gaps}
-    assert gaps == {tick: (gap,) for (_, tick), gap in lost.items()}
+    unknown = {0: ('what it knew of /scenario/obstacles was not recorded',)}
+    assert gaps == unknown | {tick: (gap,) for (_, tick), gap in lost.items()}
 
 
 def test_torn_messages_of_other_publishers_do_not_end_a_replay(mpcc, all_ticks):
@@ -336,8 +339,8 @@ def noting(run_info, **changes):
 
 def test_parameters_that_a_run_lacks_or_has_besides_are_named(mpcc):
     params, car = params_of(mpcc.run_info)
-    with pytest.warns(OlderRunWarning, match=r'assumed: tolerances\.lag_m = 0\.5'):
-        made = params_of(noting(mpcc.run_info, **{'tolerances.lag_m': None}))
+    with pytest.warns(OlderRunWarning, match=r'assumed: safety\.edge_m = 0\.5'):
+        made = params_of(noting(mpcc.run_info, **{'safety.edge_m': None}))
     assert made == (params, car)
     with pytest.warns(OlderRunWarning, match=r'left out: weights\.gone = 3'):
         made = params_of(noting(mpcc.run_info, **{'weights.gone': 3}))

@@ -78,14 +78,6 @@ def test_weights_are_one_over_the_squared_tolerances(pose):
     assert (weights.v2o, weights.v2e) == (700, 30)
 
 
-def test_the_controllers_of_the_paper_differ_only_where_they_shall(world, params):
-    plain, _ = world.load('mpcc_no_ca')
-    assert (plain.priorities.obstacle, plain.priorities.edge) == (0, 0)
-    assert vars(plain) | {'priorities': None} == vars(params) | {'priorities': None}
-    baseline, _ = world.load('frenet')
-    assert vars(baseline) | {'formulation': None} == vars(params) | {'formulation': None}
-
-
 @pytest.mark.parametrize(
     ('name', 'errors'),
     [
