@@ -7,13 +7,14 @@ import closed_loops
 import numpy as np
 from closed_loops import Loop, Noted
 
-from mpcc_controller.driving import guesses, tick_solvers
+from mpcc_controller.driving import guesses, obstacle_prediction, tick_solvers
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.fallback import Plans
 from mpcc_controller.model.single_track import State
 from mpcc_controller.parameters import Fallback
 from mpcc_controller.path import reference_path
-from msgs_yaml.types import Obstacle
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle
+from mpcc_controller.problem.stage_parameters import Scene
 from stage_solver.reference_solvers import ReferenceSolver
 from stage_solver.solver import StageSolver
 from stage_solver.stage_problem import Bounds, Plan, StageProblem, shift
@@ -85,19 +86,26 @@ def _recorded(loop, random) -> Iterator[Posed]:
             controller.scene.path, State(*x0), controller.car, model.horizon, model.step_s
         )
         has_pop_up = number % POP_UP_EVERY == 0 and controller.params.priorities.obstacle > 0
-        pop_up_P = _popped_up(controller, State(*x0), start, random) if has_pop_up else None
-        cold_P = parts.model.formulation.stage_parameters(controller.scene, cold.X).P
+        scene = _posed_scene(controller)
+        pop_up_P = _popped_up(controller, scene, State(*x0), start, random) if has_pop_up else None
+        cold_P = parts.model.formulation.stage_parameters(scene, cold.X).P
         yield Posed(loop.name, number, x0, P, bounds, cold_P, cold, pop_up_P)
 
 
-def _popped_up(controller: Controller, x0: State, start: Plan, random) -> np.ndarray:
-    """Return the stages' numbers with one more obstacle beside the path ahead."""
+def _posed_scene(controller: Controller) -> Scene:
+    """Return the scene of the last tick, with the obstacles as the problem has them."""
     scene = controller.scene
+    assert scene.obstacles is not None, 'a loop shows the obstacles of every tick'
+    return obstacle_prediction.scene_at(controller.memory.tracks, scene, scene.obstacles.stamp_ns)
+
+
+def _popped_up(controller: Controller, scene: Scene, x0: State, start: Plan, random) -> np.ndarray:
+    """Return the stages' numbers with one more obstacle beside the path ahead."""
     at, _ = reference_path.arcs_at(scene.path, [x0.theta + random.uniform(*POP_UP_AHEAD_M)])
     X, Y, psi = (float(field[0]) for field in (at.X, at.Y, at.psi))
     beside = random.uniform(*POP_UP_BESIDE_M)
     known = scene.obstacles
-    obstacle = Obstacle(
+    obstacle = PredictedObstacle(
         id=1 + max((o.id for o in known.items), default=0),
         X=X - beside * np.sin(psi),
         Y=Y + beside * np.cos(psi),

@@ -35,7 +35,8 @@ NODES: dict[str, Callable[[], Node]] = {
 }
 # no solver runs out of time, however busy this machine is
 PATIENT = {'solver.time_limit_s': 10.0, 'solver.patience_s': 10.0}
-LINE = np.array([[0.0, 3.5], [900.0, 3.5]])
+LEFT = np.array([[0.0, 3.5], [900.0, 3.5]])
+RIGHT = LEFT * [1.0, -1.0]
 X = np.linspace(0.0, 900.0, 10)
 
 
@@ -90,7 +91,7 @@ def valid_messages(stamp_ns: int) -> dict[str, Any]:
     state = VehicleState(stamp_ns, 5.0, 0.0, 0.0, 20.0, 0.0, 0.0)
     return {
         '/scenario/reference': encode.reference(path),
-        '/scenario/road_edges': encode.road_edges(RoadEdges(stamp_ns, LINE, -LINE)),
+        '/scenario/road_edges': encode.road_edges(RoadEdges(stamp_ns, LEFT, RIGHT)),
         '/vehicle/actuators': encode.actuators(Actuators(stamp_ns, 0, 0, 0, 0, (0.0,) * 4)),
         '/scenario/predictions': encode.predictions(Predictions(stamp_ns, {1: (branch,)})),
         '/scenario/obstacles': encode.obstacles(Obstacles(stamp_ns, (obstacle,))),

@@ -134,7 +134,7 @@ def test_a_watchdog_that_raises_does_not_end_the_node(driving, monkeypatch, capf
 @pytest.mark.parametrize('driver', ['realtime'], indirect=True)
 def test_a_car_without_a_state_brakes_also_where_nothing_tells_how_old_it_is(driving, monkeypatch):
     monkeypatch.setattr(driving.node.watchdog, 'is_state_lost', failing)
-    for _ in range(TICKS):
+    for _ in range(driving.node.params.fallback.max_plan_age + 2):
         before = driving.last
         driving.next_tick()
         driving.look()
