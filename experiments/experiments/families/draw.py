@@ -4,23 +4,26 @@ A draw depends on nothing but these four: not on other draws, their order or num
 numbers are those of Python's Mersenne Twister, seeded by the text of the four, which every version
 of Python repeats.
 
-Nominal draws are redrawn until the closed forms in `possible` hold. Hard draws are not sieved: what
-of them can be mastered at all is another question. They also have what a controller does not
-receive (`Draw.settings`): a friction between 0.5 and 1 that it believes to be 1, commands that
-arrive late, and errors of measurement.
+Nominal draws are redrawn until the closed forms in `feasibility` hold. Hard draws are not: what of
+them can be mastered at all is another question. They also have what a controller does not receive
+(`Draw.settings`): a friction between 0.5 and 1 that it believes to be 1, commands that arrive late,
+and errors of measurement. A draw in which another car accelerates beyond this friction is redrawn.
 """
 
 from collections.abc import Callable, Mapping
+from itertools import chain
 from random import Random
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import numpy as np
 import yaml
 
-from experiments.families import lane_change_task, lane_course, open_road, traffic
+from experiments.families import feasibility, lane_change_task, lane_course, open_road, traffic
 from experiments.families.scenario_document import Document, rounded
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
+from scenario_publisher.waypoint_track import motion_at
 
 NOMINAL, HARD = 'nominal', 'hard'
 DIFFICULTIES = (NOMINAL, HARD)
@@ -74,7 +77,8 @@ PAIRED = MappingProxyType({'unforeseen_pedestrian': 'hidden_pedestrian'})
 LIBRARY = MappingProxyType({**FAMILIES, **TRAFFIC})
 # those of the library, and tasks of the study of tuned controllers
 DRAWN = MappingProxyType({**LIBRARY, lane_change_task.NAME: lane_change_task.lane_change_task})
-MAX_TRIALS = 10_000  # of a nominal draw
+MAX_TRIALS = 10_000  # of a draw
+MOTION_STEP_S = 0.1  # of the positions from which accelerations of others follow
 HARD_FRICTION = (0.5, 1.0)
 BELIEVED_FRICTION = 1.0
 HARD_DELAY_MS = (0, 40)  # of commands
@@ -140,19 +144,38 @@ def draw(family: str, seed: int, index: int, difficulty: str = NOMINAL) -> Draw:
     hard = difficulty == HARD
     random = Random(f'{PAIRED.get(family, family)} {difficulty} {seed} {index}')
     trials = (DRAWN[family](random, hard) for _ in range(MAX_TRIALS))
-    parts = next((possible for possible in trials if possible is not None), None)
+    possible = (parts for parts in trials if parts is not None)
+    parts = next(possible, None)
+    disturbances = None
+    if hard and parts is not None:
+        friction, disturbances = rounded(random.uniform(*HARD_FRICTION)), _disturbances(random)
+        on_road = (again | {'friction': friction} for again in chain([parts], possible))
+        parts = next((again for again in on_road if _others_hold_the_road(again)), None)
     if parts is None:
         raise RuntimeError(f'{family}: none of {MAX_TRIALS} draws is possible')
-    settings: dict[str, dict[str, Any]] = parts.pop(lane_change_task.SETTINGS, {})
+    settings = parts.pop(lane_change_task.SETTINGS, {})
     values = parts.pop(lane_change_task.VALUES, {})
-    if hard:
-        parts['friction'] = rounded(random.uniform(*HARD_FRICTION))
-        settings = _disturbances(random)
+    if disturbances is not None:
+        settings = disturbances
     drawn = Draw(family, seed, index, difficulty, '', settings, values)
     parts['name'] = drawn.name
     return drawn._replace(
         text=yaml.safe_dump(parts, sort_keys=False, default_flow_style=None, width=100)
     )
+
+
+def _others_hold_the_road(parts):
+    """Return whether nobody on the road accelerates by more than its friction allows."""
+    beside = (lane_change_task.SETTINGS, lane_change_task.VALUES)
+    file = {key: value for key, value in parts.items() if key not in beside}
+    scn = scenario.parse(yaml.safe_dump(file), 'draw.yaml')
+    t = np.arange(0.0, scn.stop.time, MOTION_STEP_S)
+    for track in (actor.track for actor in scn.actors if actor.track is not None):
+        way = np.array(motion_at(track, t)[:2])
+        acceleration = np.hypot(*np.diff(way, 2)) / MOTION_STEP_S**2
+        if acceleration.max() > scn.friction * feasibility.GRAVITY:
+            return False
+    return True
 
 
 def _disturbances(random):

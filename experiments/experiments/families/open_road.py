@@ -94,7 +94,8 @@ def cut_in(random: Random, hard: bool) -> Document | None:
     theirs = random.uniform(0.65, 0.95) * speed
     slow = random.uniform(0.0, 0.5) * theirs
     deceleration = random.uniform(4.0, 7.0) if hard else random.uniform(2.5, 5.0)
-    move_s = random.uniform(1.0, 1.6) if hard else random.uniform(1.5, 2.5)
+    # moving aside by d in T on a quintic takes 10 d / (sqrt(3) T^2) at most: a lane in 1.6 s 0.8 g
+    move_s = random.uniform(1.6, 2.2) if hard else random.uniform(1.5, 2.5)
     lead = random.uniform(8.0, 16.0) if hard else random.uniform(14.0, 30.0)
     offset = random.uniform(-0.4, 0.4)
     # where it has arrived in the lane, and where it has braked
