@@ -2,6 +2,7 @@
 
 import pytest
 import yaml
+from closed_loops import fixed_weights
 
 from experiments import simulation
 from scenario_publisher import scenario
@@ -32,6 +33,8 @@ def straight_emergency():
             'obstacles': obstacles,
         }
         scn = scenario.parse(yaml.safe_dump(document), 'emergency.yaml')
-        return simulation.prepare_scenario(scn, controller)
+        return simulation.prepare_scenario(
+            scn, controller, {'controller': fixed_weights(controller)}
+        )
 
     return setup
