@@ -3,6 +3,7 @@
 import dataclasses
 
 import pytest
+from closed_loops import fixed_weights
 
 from bags.evaluation.drive import LATERAL_LIMIT
 from bags.evaluation.metrics import compute_metrics
@@ -13,7 +14,8 @@ from scenario_publisher.friction_patches import Patches
 
 @pytest.fixture(scope='module')
 def setup():
-    return simulation.prepare('double_lane_change', 'mpcc')
+    weights = {'controller': fixed_weights('mpcc')}  # that load the tyres
+    return simulation.prepare('double_lane_change', 'mpcc', weights)
 
 
 @pytest.mark.parametrize('friction', [1.0, 0.96, 0.55, 0.06])

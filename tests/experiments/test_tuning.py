@@ -1,5 +1,6 @@
 """Weights of a controller are searched with real drives, and written as a controller file."""
 
+import re
 from pathlib import Path
 
 import pandas as pd
@@ -60,7 +61,7 @@ def test_a_tuned_file_holds_the_tuned_weights_over_its_base(value, tmp_path):
 
 def test_a_base_outside_of_the_config_folder_is_named_by_its_path(tmp_path):
     own, tuned = tmp_path / 'mine.yaml', tmp_path / 'sub/tuned.yaml'
-    own.write_text(BASE.read_text().replace('lag_m: 0.5', 'lag_m: 0.6'))
+    own.write_text(re.sub(r'lag_m: \S+', 'lag_m: 0.6', BASE.read_text()))
     tuned.parent.mkdir()
     tuned.write_text(tuning.controller_text(own, {'priorities.edge': 2.0}, []))
     values = parameters.read_file(tuned, CONFIG).values
