@@ -1,26 +1,14 @@
 """The closed loops of the solvers' benchmarks, driven in process without ROS."""
 
-import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from experiments.configuration import inputs
-from mpcc_controller import car_file
-from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.records import TickInputs, TickRecord
+from experiments import simulation
+from experiments.simulation import Setup
 from mpcc_controller.parameters import ControllerParams
-from msgs_yaml import conversions, share
-from msgs_yaml.conversions import NS_PER_S
-from node_runtime import parameters
 from scenario_publisher import scenario
-from scenario_publisher.scenario import Scenario
-from vehicle_plant import parameters as plant_parameters
-from vehicle_plant.initial_state import Start
-from vehicle_plant.run_end import RunEnd
-from vehicle_plant.simulator import Simulator
-from vehicle_plant.stepping import LockstepStepper
 
 SCENARIOS = Path(__file__).parent / 'scenarios'
 KPH = 1 / 3.6  # m/s
@@ -44,27 +32,6 @@ class Loop(NamedTuple):
     controller: str  # a file in mpcc_controller/config
     speed: float | None  # m/s, instead of the scenario's
     ticks: range
-
-
-class Noted:
-    """A StageSolver that notes the arguments, iterations and times [s] of its calls."""
-
-    def __init__(self, inner):
-        self.inner = inner
-        self.forget()
-
-    def forget(self):
-        """Begin anew."""
-        self.arguments, self.iterations, self.seconds = [], [], []
-
-    def solve(self, *arguments):
-        """See `StageSolver.solve`."""
-        began = time.perf_counter()
-        found = self.inner.solve(*arguments)
-        self.seconds.append(time.perf_counter() - began)
-        self.arguments.append(arguments)
-        self.iterations.append(found.iterations)
-        return found
 
 
 ALL = range(10**6)
@@ -95,40 +62,14 @@ def fixed_weights(controller: str) -> Mapping[str, float]:
     return TOLERANCES if controller == 'mpcc_no_ca' else TOLERANCES | PRIORITIES
 
 
-def controller_params(name: str) -> ControllerParams:
-    """Return the parameters of a controller that comes with the package, with fixed weights."""
-    file = share.path('mpcc_controller', 'config', f'{name}.yaml')
-    values = parameters.read_file(file).values | fixed_weights(name)
-    return parameters.build(ControllerParams, values, file)
+def make_setup(loop: Loop) -> Setup:
+    """Return the simulation of a loop, with fixed weights."""
+    own = SCENARIOS / loop.scenario
+    name = str(own) if own.suffix == scenario.SUFFIX else loop.scenario
+    weights = {'controller': fixed_weights(loop.controller)}
+    return simulation.prepare(name, loop.controller, weights, loop.speed)
 
 
 def with_solver(params: ControllerParams, **settings) -> ControllerParams:
     """Return the parameters with other settings of the solver."""
     return replace(params, solver=replace(params.solver, **settings))
-
-
-def load_scenario(name: str, speed: float | None) -> Scenario:
-    """Return a scenario by name or from bench/scenarios, driven at another speed where given."""
-    own = SCENARIOS / name
-    return inputs.load_scenario(str(own) if own.suffix == scenario.SUFFIX else name, speed)
-
-
-def drive(scn: Scenario, controller: Controller) -> Iterator[TickRecord]:
-    """Drive a scenario to its end as `experiments.simulation.run`; yield after every answer."""
-    car = Simulator(plant_parameters.load(), scn.friction, Start(*scn.start))
-    plant_side = LockstepStepper(car, RunEnd(inputs.stop_params(scn), car.now))
-    controller.reset(car.actuators)
-    controller.set_reference(conversions.reference_as_received(scn.reference))
-    controller.set_edges(scn.edges)
-    while not plant_side.outcome:
-        t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S
-        controller.set_obstacles(scenario.obstacles_at(scn, t, car.stamp_ns))
-        record = controller.step(TickInputs(conversions.odometry_as_received(car.state)))
-        yield record
-        plant_side.tick(record.command)
-
-
-def make_controller(params: ControllerParams, friction: float) -> Controller:
-    """Return a controller of its parameters' car; its model has the road's friction."""
-    params = replace(params, model=replace(params.model, friction=friction))
-    return Controller(params, car_file.load(params))

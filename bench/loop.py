@@ -19,7 +19,6 @@ from concurrent.futures import ProcessPoolExecutor
 from itertools import islice
 from pathlib import Path
 
-import closed_loops
 import machine
 import numpy as np
 import pandas as pd
@@ -111,9 +110,8 @@ def measure_drives() -> list[str]:
         drives.append((name, *map(number, MS * seconds), *map(number, driven_s / seconds)))
         every = []
         for _ in range(REPEATS):
-            controller = Controller(setup.params, setup.vehicle)
-            records = closed_loops.drive(setup.scn, controller)
-            every.append(tick_times([answered(controller, record) for record in records]))
+            steps = simulation.steps(setup)
+            every.append(tick_times([answered(s.controller, s.record) for s in steps]))
         spread = (
             pd.concat(every)
             .quantile([*QUANTILES.values()])
@@ -151,10 +149,11 @@ def measure_parallel() -> str:
 
 def measure_lengths() -> str:
     """Return the table of tick times in the middle of straight paths of several lengths."""
+    setup = simulation.prepare(SCENARIO, CONTROLLERS[0])
     shown, rows = ['total', 'solve', 'outside', 'explain'], []
     for length_m in PATH_LENGTHS_M:
         x = np.arange(0.0, length_m, POSE_M)
-        controller = closed_loops.make_controller(closed_loops.controller_params('mpcc'), 1.0)
+        controller = Controller(setup.params, setup.vehicle)
         controller.set_reference(Reference(START_NS, x, 0.0 * x, 0.0 * x, x / SPEED_MPS))
         left, right = (np.column_stack((x, 0.0 * x + y)) for y in (HALF_WIDTH_M, -HALF_WIDTH_M))
         controller.set_edges(RoadEdges(START_NS, left, right))
@@ -196,15 +195,11 @@ def crowded(count: int, discs_m: tuple[float, ...]) -> Scenario:
 def measure_obstacles() -> str:
     """Return the table of tick times by the number of obstacles, of one and of several discs."""
     rows = []
-    params = closed_loops.controller_params('mpcc_road')
     for discs_m in ((0.0,), LORRY_DISCS):
         for count in OBSTACLES:
-            scn, times = crowded(count, discs_m), []
-            controller = closed_loops.make_controller(params, scn.friction)
-            for record in islice(closed_loops.drive(scn, controller), CROWD_TICKS):
-                times.append(answered(controller, record))
-                controller.prepare()
-            ticks = tick_times(times)
+            setup = simulation.prepare_scenario(crowded(count, discs_m), 'mpcc_road')
+            steps = islice(simulation.steps(setup), CROWD_TICKS)
+            ticks = tick_times([answered(s.controller, s.record) for s in steps])
             found = [ticks.total.quantile(q) for q in QUANTILES.values()]
             found += [ticks.outside.median(), ticks.explain.median()]
             rows.append((len(discs_m), count, len(ticks), *map(number, found)))

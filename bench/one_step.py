@@ -8,10 +8,11 @@ from collections.abc import Callable, Iterable
 
 import closed_loops
 import numpy as np
-from closed_loops import FULL, Loop, Noted
+from closed_loops import FULL
 from tables import markdown, number
 
-from mpcc_controller.parameters import ControllerParams
+from experiments import simulation
+from experiments.simulation import Setup
 
 # whatever comes of the first step
 ENDLESS = {'one_step_residual': 1.0, 'one_step_decrease': 1e3}
@@ -28,8 +29,8 @@ def table(track: Callable[..., Iterable]) -> str:
     """Return the drives of every loop in every scheme."""
     rows = []
     for loop in track(FULL, description='driving with one step per tick'):
-        base = closed_loops.controller_params(loop.controller)
-        drives = {name: driven(loop, base, settings) for name, settings in SCHEMES.items()}
+        setup = closed_loops.make_setup(loop)
+        drives = {name: driven(setup, settings) for name, settings in SCHEMES.items()}
         converged = np.nansum(drives['converged'][0])
         for name, (costs, ms, more, prepared_ms) in drives.items():
             cost = np.nansum(costs)
@@ -43,28 +44,23 @@ def table(track: Callable[..., Iterable]) -> str:
     return markdown(title, columns, rows)
 
 
-def driven(loop: Loop, params: ControllerParams, settings: dict) -> tuple[np.ndarray, ...]:
+def driven(setup: Setup, settings: dict) -> tuple[np.ndarray, ...]:
     """Drive a whole loop with our solver and settings of it.
 
     Returns the stage cost of every tick (NaN where there was no plan to follow: the car braked),
     the time of every solve between a state and its command [ms], whether it took more than one
-    iteration, and the time of what was computed after each command [ms].
+    iteration, and the time of what was computed before each state [ms].
     """
-    scn = closed_loops.load_scenario(loop.scenario, loop.speed)
-    params = closed_loops.with_solver(params, **settings)
-    controller = closed_loops.make_controller(params, scn.friction)
-    parts = controller.parts
-    noted = parts.solvers.followed = Noted(parts.solvers.followed)
-    costs, prepared_s, iterations, seconds = [], [], [], []
-    for _ in closed_loops.drive(scn, controller):
-        plan, solved = controller.memory.plans.plan, controller.memory.solved
-        stage_cost, cost = parts.model.problem.stage_cost, np.nan
+    setup = setup._replace(params=closed_loops.with_solver(setup.params, **settings))
+    costs, prepared_s, solutions = [], [], []
+    for step in simulation.steps(setup):
+        memory, model = step.controller.memory, step.controller.parts.model
+        plan, cost = memory.plans.plan, np.nan
         if plan is not None:
-            cost = float(stage_cost(plan.X[0], plan.U[0], solved.problem.parameters.P[0]))
+            P = memory.solved.problem.parameters.P
+            cost = float(model.problem.stage_cost(plan.X[0], plan.U[0], P[0]))
         costs.append(cost)
-        iterations += noted.iterations
-        seconds += noted.seconds
-        prepared_s.append(controller.prepare())
-        noted.forget()  # those of the preparation are counted separately
-    ms, prepared_ms = 1e3 * np.array(seconds), 1e3 * np.array(prepared_s)
-    return np.array(costs), ms, np.array(iterations) > 1, prepared_ms
+        solutions += [step.record.attempt.solution] if step.record.attempt else []
+        prepared_s.append(step.record.prepared_s or 0.0)
+    ms, prepared_ms = 1e3 * np.array([s.solve_s for s in solutions]), 1e3 * np.array(prepared_s)
+    return np.array(costs), ms, np.array([s.iterations for s in solutions]) > 1, prepared_ms

@@ -5,9 +5,10 @@ from typing import NamedTuple
 
 import closed_loops
 import numpy as np
-from closed_loops import Loop, Noted
+from closed_loops import Loop
 
-from mpcc_controller.driving import guesses, obstacle_prediction, tick_solvers
+from experiments import simulation
+from mpcc_controller.driving import guesses, tick_solvers
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.fallback import Plans
 from mpcc_controller.model.single_track import State
@@ -67,40 +68,30 @@ def record(loops: Iterable[Loop]) -> list[Posed]:
 
 
 def _recorded(loop, random) -> Iterator[Posed]:
-    params = closed_loops.controller_params(loop.controller)
-    scn = closed_loops.load_scenario(loop.scenario, loop.speed)
-    controller = closed_loops.make_controller(params, scn.friction)
-    parts, model = controller.parts, controller.params.model
-    options = tick_solvers.solver_options(params, limit_time=False)
-    solver = ReferenceSolver(parts.model.problem, RECORDING_SOLVER, options)
-    noted = parts.solvers.followed = Noted(solver)
-    for number, _ in enumerate(closed_loops.drive(scn, controller)):
+    setup = closed_loops.make_setup(loop)
+    controller = Controller(setup.params, setup.vehicle)
+    parts, model = controller.parts, setup.params.model
+    options = tick_solvers.solver_options(setup.params, limit_time=False)
+    parts.solvers.followed = ReferenceSolver(parts.model.problem, RECORDING_SOLVER, options)
+    stage_parameters = parts.model.formulation.stage_parameters
+    for number, step in enumerate(simulation.steps(setup, controller)):
         if number >= loop.ticks.stop:
             return
-        calls = noted.arguments
-        noted.forget()
-        if not calls or controller.memory.plans.plan is None or number not in loop.ticks:
+        attempt = step.record.attempt
+        if not attempt or controller.memory.plans.plan is None or number not in loop.ticks:
             continue
-        x0, P, bounds, start = calls[-1]
-        cold = guesses.from_path(
-            controller.scene.path, State(*x0), controller.car, model.horizon, model.step_s
-        )
-        has_pop_up = number % POP_UP_EVERY == 0 and controller.params.priorities.obstacle > 0
-        scene = _posed_scene(controller)
-        pop_up_P = _popped_up(controller, scene, State(*x0), start, random) if has_pop_up else None
-        cold_P = parts.model.formulation.stage_parameters(scene, cold.X).P
-        yield Posed(loop.name, number, x0, P, bounds, cold_P, cold, pop_up_P)
+        problem = attempt.problem
+        scene, x0, guess = problem.scene, problem.x0, problem.guess_local
+        cold = guesses.from_path(scene.path, x0, controller.car, model.horizon, model.step_s)
+        pop_up_P = None
+        if number % POP_UP_EVERY == 0 and setup.params.priorities.obstacle > 0:
+            pop_up_P = stage_parameters(_popped_up(scene, x0, random), guess.X).P
+        P, cold_P = problem.parameters.P, stage_parameters(scene, cold.X).P
+        yield Posed(loop.name, number, guess.X[0], P, problem.bounds, cold_P, cold, pop_up_P)
 
 
-def _posed_scene(controller: Controller) -> Scene:
-    """Return the scene of the last tick, with the obstacles as the problem has them."""
-    scene = controller.scene
-    assert scene.obstacles is not None, 'a loop shows the obstacles of every tick'
-    return obstacle_prediction.scene_at(controller.memory.tracks, scene, scene.obstacles.stamp_ns)
-
-
-def _popped_up(controller: Controller, scene: Scene, x0: State, start: Plan, random) -> np.ndarray:
-    """Return the stages' numbers with one more obstacle beside the path ahead."""
+def _popped_up(scene: Scene, x0: State, random) -> Scene:
+    """Return the scene with one more obstacle beside the path ahead."""
     at, _ = reference_path.arcs_at(scene.path, [x0.theta + random.uniform(*POP_UP_AHEAD_M)])
     X, Y, psi = (float(field[0]) for field in (at.X, at.Y, at.psi))
     beside = random.uniform(*POP_UP_BESIDE_M)
@@ -113,8 +104,7 @@ def _popped_up(controller: Controller, scene: Scene, x0: State, start: Plan, ran
         vX=0.0,
         vY=0.0,
     )
-    scene = scene._replace(obstacles=known._replace(items=(*known.items, obstacle)))
-    return controller.parts.model.formulation.stage_parameters(scene, start.X).P
+    return scene._replace(obstacles=known._replace(items=(*known.items, obstacle)))
 
 
 def tasks(

@@ -29,8 +29,9 @@ from problems import COLD, POP_UP, WARM, Task
 from rich.progress import Progress
 from tables import markdown, number, share
 
-from mpcc_controller import car_file
+from experiments.simulation import Setup
 from mpcc_controller.driving import tick_solvers
+from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.problem import formulation, ocp, stage_parameters
 from stage_solver import compiled_functions, reference_solvers, solver
@@ -250,12 +251,12 @@ def compare(
     return pd.concat(tables, ignore_index=True)
 
 
-def start_up(params: ControllerParams) -> str:
+def start_up(setup: Setup) -> str:
     """Return how long it takes to make a controller: the first time, and once more."""
 
     def seconds():
         began = time.perf_counter()
-        closed_loops.make_controller(params, friction=1.0)
+        Controller(setup.params, setup.vehicle)
         return number(time.perf_counter() - began)
 
     with tempfile.TemporaryDirectory() as folder, mock.patch.dict(os.environ, {CACHE: folder}):
@@ -276,8 +277,9 @@ def main() -> None:
     if passes < 1:
         parser.error('--passes must be 1 or more')
     facts = machine.named() | {'runs on': machine.pin()}
-    params = closed_loops.controller_params('mpcc')
-    car = stage_parameters.car(params, car_file.load(params))
+    setup = closed_loops.make_setup(closed_loops.FULL[0])
+    params = setup.params
+    car = stage_parameters.car(params, setup.vehicle)
     symbolic = formulation.make(params, car).ocp
     problem = ocp.build(symbolic, params.model.horizon, params.model.step_s)
     with Progress() as progress:
@@ -286,7 +288,7 @@ def main() -> None:
         chosen = available(params)
         parts = texts(compare(given, problem, params, chosen, passes, progress.track))
         if not options.quick:
-            parts += [start_up(params), one_step.table(progress.track)]
+            parts += [start_up(setup), one_step.table(progress.track)]
     lines = '\n'.join(f'- {name}: {value}' for name, value in facts.items())
     head = (
         f'# Solvers\n\nMade by `make bench`: {len(given)} problems, {passes} passes.\n\n{lines}\n'

@@ -156,12 +156,15 @@ class Step(NamedTuple):
     record: TickRecord
 
 
-def steps(setup: Setup) -> Iterator[Step]:
-    """Simulate until the run ends; yield after every answer, before the plant follows it."""
+def steps(setup: Setup, controller: Controller | None = None) -> Iterator[Step]:
+    """Simulate until the run ends; yield after every answer, before the plant follows it.
+
+    A given controller is a new one of the setup.
+    """
     scn = setup.scn
     car = make_car(setup)
     plant_side = LockstepStepper(car, RunEnd(inputs.stop_params(scn), car.now))
-    controller = make_controller(setup, car)
+    controller = make_controller(setup, car, controller)
     sensors = setup.sensors and Sensors(setup.sensors, setup.plant.car, setup.sensors_seed, car.now)
     estimator = setup.estimator and Estimator(setup.estimator)
     track, predictions = car.now, None
@@ -244,9 +247,9 @@ def make_car(setup: Setup) -> Simulator:
     return Simulator(setup.plant, setup.friction, start, patches=patches, faults=setup.faults)
 
 
-def make_controller(setup: Setup, car: Simulator) -> Controller:
+def make_controller(setup: Setup, car: Simulator, new: Controller | None = None) -> Controller:
     """Return the controller of a setup, which knows the road and begins at the car's actuators."""
-    controller = Controller(setup.params, setup.vehicle)
+    controller = new or Controller(setup.params, setup.vehicle)
     controller.reset(car.actuators)
     controller.set_reference(conversions.reference_as_received(setup.scn.reference))
     controller.set_edges(setup.scn.edges)

@@ -1,8 +1,17 @@
-"""Mistakes in the commands: one line that says what is wrong and what would be right."""
+"""Mistakes in commands and nodes: one line that says what is wrong and what would be right."""
+
+import signal
+from pathlib import Path
 
 import pytest
+import rclpy
 
 from bags import cli
+from bags.player_node import PlayerNode
+from bags.recorder_node import RecorderNode
+from node_runtime.parameters import ParameterError
+
+GOLDEN = Path(__file__).parents[2] / 'bags/reference/double_lane_change/mpcc'
 
 
 @pytest.fixture
@@ -17,6 +26,8 @@ def folder(tmp_path, monkeypatch):
         (tmp_path / 'runs' / 'notes' / name).touch()
     (tmp_path / 'empty').mkdir()
     (tmp_path / 'report.html').touch()
+    (tmp_path / 'list.json').write_text('[1, 2]')
+    (tmp_path / 'torn.json').write_text('{')
     return tmp_path
 
 
@@ -59,3 +70,34 @@ def test_a_mistake_is_said(folder, capsys, words, code, why):
         result = ended.code
     assert result == code
     assert why in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('node', 'parameters', 'why'),
+    [
+        (PlayerNode, {}, 'bag: is missing'),
+        (PlayerNode, {'bag': 'nowhere'}, 'bag: nowhere: there is no such bag'),
+        (PlayerNode, {'bag': GOLDEN, 'rate': 0.0}, 'rate: is 0'),
+        (PlayerNode, {'bag': GOLDEN, 'paused': 'true'}, 'paused: is true, but no keyboard'),
+        (RecorderNode, {}, 'out: is missing'),
+        (RecorderNode, {'out': 'empty'}, 'out: .*empty: exists already'),
+        # nobody may make a folder there, not even root
+        (RecorderNode, {'out': '/sys/bag'}, 'out: /sys/bag: cannot be created'),
+        (RecorderNode, {'out': 'a', 'run_info': 'list.json'}, 'must be one JSON object'),
+        (RecorderNode, {'out': 'b', 'run_info': 'torn.json'}, 'Expecting property name'),
+    ],
+)
+def test_a_node_that_cannot_begin_names_the_parameter(folder, domain, node, parameters, why):
+    """What a process makes of the error: tests/node_runtime/test_spin_node.py."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = sorted(folder.rglob('*'))
+    words = (word for item in parameters.items() for word in ('-p', '{}:={}'.format(*item)))
+    rclpy.init(args=['--ros-args', *words])
+    try:
+        with pytest.raises(ParameterError, match=why):
+            node().start()
+    finally:
+        rclpy.shutdown()
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    assert sorted(folder.rglob('*')) == before

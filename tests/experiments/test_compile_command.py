@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+import quick_compiler
 
 pytestmark = [pytest.mark.needs('compiler'), pytest.mark.ros]
 RUN = ('run', 'straight', '--controller', 'mpcc', '--set', 'plant.stop.x_m=20')
@@ -29,7 +30,7 @@ def experiments(env, *words):
 
 def test_what_was_compiled_ahead_drives_without_a_compiler(ahead, tmp_path):
     env, cache = ahead
-    done = experiments(os.environ | {'MPCC_CACHE_DIR': str(cache)}, 'compile', 'mpcc')
+    done = experiments(env | {'CC': quick_compiler.write(tmp_path)}, 'compile', 'mpcc')
     assert done.returncode == 0, done.stderr
     compiled = {file: file.stat().st_mtime_ns for file in cache.glob('*.so')}
     assert {file.name.split('-')[0] for file in compiled} >= {'vehicle_plant', 'mpcc_riccati'}

@@ -1,9 +1,7 @@
 """The node over real DDS: a test controller answers states, the plant drives."""
 
 import importlib.util
-import json
 import math
-import select
 import subprocess
 import sys
 import time
@@ -13,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rclpy
-import tf2
 from drives import ahead, load
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
@@ -22,7 +19,7 @@ from scipy.integrate import trapezoid
 from tyre_files import property_file
 from wait_until import wait_until
 
-from msgs_yaml import contract, conversions, decode, encode
+from msgs_yaml import contract, decode, encode
 from msgs_yaml.types import Command, Reference, StopPlan
 from node_runtime import ros
 from node_runtime.parameters import ParameterError
@@ -34,9 +31,6 @@ from vehicle_plant.simulator import START_NS, STEP_NS, TICK_NS, Simulator
 pytestmark = pytest.mark.usefixtures('domain')
 CLOCKS_DIFFER_S = 0.01  # the node starts from the wall clock and goes on with the steady one
 SECONDS = 120
-OF_A_STATE = 3  # transforms: the car, and its front wheels
-COMPARED = 50 * OF_A_STATE  # a second
-PERIOD_NS = 20_000_000
 BEHIND_S = 0.1  # of 1.5 s; at three times or a third of the pace it is 0.7 s and more
 ICE = [2.0, 0.0, 90.0, 0.0, 90.0, 9.0, 2.0, 9.0]
 
@@ -140,28 +134,15 @@ def run(answer, mode='lockstep', before=lambda controller: None, **settings):
         return plant.exit_code, controller
 
 
-@contextmanager
-def process(*words, **options):
-    """Run a program of Python; end it when it is needed no longer."""
-    with subprocess.Popen([sys.executable, *words], text=True, **options) as program:
-        try:
-            yield program
-        finally:
-            program.terminate()
-
-
-def has_output(program):
-    """Return whether a program has printed something that is not yet read."""
-    return bool(select.select([program.stdout], [], [], 0.0)[0])
-
-
-def drive_process(answer, mode='lockstep', environment=None, before=lambda _: None, **settings):
+def drive_process(answer, mode, **settings):
     """Drive as `run` does, with a plant in a process of its own."""
-    words = '-m', 'vehicle_plant.plant_node', *arguments(mode, **settings)
-    with parameters(mode), process(*words, env=environment) as plant:
-        controller = Controller(mode, answer)
-        before(controller)
-        spin([controller], lambda: plant.poll() is not None)
+    command = [sys.executable, '-m', 'vehicle_plant.plant_node', *arguments(mode, **settings)]
+    with parameters(mode), subprocess.Popen(command) as plant:
+        try:
+            controller = Controller(mode, answer)
+            spin([controller], lambda: plant.poll() is not None)
+        finally:
+            plant.kill()
         return plant.returncode, controller
 
 
@@ -392,59 +373,3 @@ def test_realtime_keeps_pace_with_the_wall_clock():
     assert t[-1] - t[0] > 1.0
     way_m = np.hypot(np.diff(X), np.diff(Y)).sum()
     assert trapezoid(np.hypot(vx, vy), t) == pytest.approx(way_m, rel=0.01)
-
-
-def values(controller, topic, read):
-    messages = (ros.deserialize(f'/vehicle/{topic}', raw) for raw in controller.received[topic])
-    return {value.stamp_ns: value for value in map(read, messages)}
-
-
-@pytest.mark.slow
-@pytest.mark.needs('tf2')
-def test_the_frames_of_the_car_are_where_its_state_says(tmp_path):
-    options = {'env': tf2.environment(tmp_path)}
-    piped = options | {'stdout': subprocess.PIPE}
-
-    def deaf_until_the_listener_prints(controller):
-        """The plant, held at its start, shows its frames to the first that its publisher knows."""
-        controller.on_state = lambda stamp_ns: (
-            (controller.answered_ns or has_output(moving_listener))
-            and Controller.on_state(controller, stamp_ns)
-        )
-
-    with (
-        process(tf2.LISTENER, str(COMPARED), **piped) as moving_listener,
-        process(tf2.LISTENER, '3', '/tf_static', **piped) as fixed_listener,
-        # it publishes /tf, too, where the plant does not
-        process('-m', 'bags.markers_node', **options),
-    ):
-        code, controller = drive_process(
-            weave,
-            environment=options['env'],
-            before=deaf_until_the_listener_prints,
-            **{'stop.x_m': 40.0},
-        )
-        assert code == 0
-        moving, fixed = (
-            [json.loads(line) for line in listener.communicate(timeout=SECONDS)[0].splitlines()]
-            for listener in (moving_listener, fixed_listener)
-        )
-
-    stamps = sorted({item['stamp_ns'] for item in moving})
-    # markers_node would repeat a stamp, or send one between: it has those of every 50 ms
-    assert len(moving) == OF_A_STATE * len(stamps)
-    assert {(stamp - START_NS) % PERIOD_NS for stamp in stamps} == {0}
-    states = values(controller, 'odometry', decode.odometry)
-    actuators = values(controller, 'actuators', decode.actuators)
-    for item in moving:
-        x, angle = states[item['stamp_ns']], actuators[item['stamp_ns']].delta
-        heading = conversions.quaternion_to_heading(*item['turn'][2:])
-        if item['frames'] == ['map', 'base_link']:
-            assert item['at'] == [x.X, x.Y, 0.0]
-            assert heading == pytest.approx(x.psi, abs=1e-12)
-        else:
-            assert heading == pytest.approx(angle, abs=1e-12)
-    assert states[stamps[-1]].X - states[stamps[0]].X > 1.0
-    assert max(abs(actuators[stamp].delta) for stamp in stamps) > 0.01
-    expected = [f for f in robot_description.frames(load().car) if not f.is_steered]
-    assert {f['frames'][1]: f['at'] for f in fixed} == {f.name: [f.x, f.y, f.z] for f in expected}

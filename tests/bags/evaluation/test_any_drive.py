@@ -90,31 +90,34 @@ def test_metrics_of_any_drive_are_json_and_never_raise(road):
     tried()
 
 
-@pytest.mark.slow  # draws every figure, seconds per case
+ZERO = np.zeros(40)
+ALONG = np.linspace(0.0, 30.0, 40)
+LOST = {
+    'silent': (1, (ALONG, ZERO, ZERO, ZERO + 20, ZERO)),
+    'still': (1, (ZERO, ZERO, ZERO, ZERO, ZERO)),
+    'far': (2, (ALONG + 4e3, ALONG - 7e3, ALONG, ZERO + 90, ALONG)),
+    'backwards': (40, (ALONG, ZERO, ZERO + np.pi, ZERO - 30, ZERO)),
+}
+
+
+@pytest.mark.slow  # draws every figure
 @pytest.mark.filterwarnings('error')
-@pytest.mark.parametrize(
-    ('kind', 'states'), [('still', 1), ('silent', 1), ('far', 2), ('backwards', 40)]
-)
-def test_figures_and_report_of_short_and_lost_drives_are_written(road, states, kind, tmp_path):
+@pytest.mark.parametrize('kinds', [('silent',), tuple(LOST)], ids=' '.join)
+def test_figures_and_report_of_short_and_lost_drives_are_written(road, kinds, tmp_path):
     facts, scene = road
-    zero = np.zeros(states)
-    along = np.linspace(0.0, 30.0, states)
-    shown = {
-        'still': (zero, zero, zero, zero, zero),
-        'far': (along + 4e3, along - 7e3, along, zero + 90, along),
-        'backwards': (along, zero, zero + np.pi, zero - 30, zero),
-        'silent': (along, zero, zero, zero + 20, zero),
-    }[kind]
-    measured = 0 if kind == 'silent' else states
-    blank = np.zeros(measured)
-    drive = Drive(
-        Motion(stamps(states, 10), *shown),
-        Accelerations(stamps(measured, 10), blank, blank),
-        Inputs(stamps(measured, 10), blank, blank),
-        Ticks(NONE, np.empty(0), np.empty(0), np.empty(0, dtype=bool)),
-        scene if kind == 'backwards' else scene._replace(obstacles=()),
-        facts,
-    )
-    compared = compare_drives({'mpcc': drive, 'other': drive}, tmp_path)
+    drives = {}
+    for kind in kinds:
+        states, motion = LOST[kind]
+        measured = 0 if kind == 'silent' else states
+        blank = np.zeros(measured)
+        drives[kind] = Drive(
+            Motion(stamps(states, 10), *(column[:states] for column in motion)),
+            Accelerations(stamps(measured, 10), blank, blank),
+            Inputs(stamps(measured, 10), blank, blank),
+            Ticks(NONE, np.empty(0), np.empty(0), np.empty(0, dtype=bool)),
+            scene if kind == 'backwards' else scene._replace(obstacles=()),
+            facts,
+        )
+    compared = compare_drives(drives, tmp_path)
     assert is_json(json.loads(compared.file.read_text()))
     assert all(path.stat().st_size for path in (*compared.figures, compared.report, compared.sheet))

@@ -175,8 +175,7 @@ def test_several_runs_are_one_table(recorded):
         bags.compare()
 
 
-@pytest.mark.slow
-def test_a_report_of_runs(recorded, tmp_path):
+def test_a_report_of_runs(undrawn, recorded, tmp_path):
     report = bags.compare(*recorded).report(tmp_path / 'out')
     values = json.loads((tmp_path / 'out/comparison.json').read_text())
     assert report.stat().st_size > 100_000

@@ -61,13 +61,12 @@ def woken_late():
 
 
 @pytest.mark.smoke
-@pytest.mark.parametrize('namespace', ['/', '/car1'])
 def test_round_trip_keeps_every_byte_count_order_and_stamp(
-    tmp_path, bag_folder, start_recorder, start_player, namespace
+    tmp_path, bag_folder, start_recorder, start_player
 ):
-    inside = start_recorder(tmp_path / 'inside', namespace=namespace)
-    outside = start_recorder(tmp_path / 'outside', namespace='/elsewhere')
-    output = said_by(start_player(bag_folder, namespace=namespace))
+    inside = start_recorder(tmp_path / 'inside', namespace='/car1')
+    outside = start_recorder(tmp_path / 'outside')
+    output = said_by(start_player(bag_folder, namespace='/car1'))
     assert inside.end()[0] == outside.end()[0] == 0
     before, after = of_contract(bag_folder), of_contract(tmp_path / 'inside')
     assert after.keys() == before.keys()
@@ -76,7 +75,7 @@ def test_round_trip_keeps_every_byte_count_order_and_stamp(
         # in lockstep a message is filed under its header stamp
         assert after[name].log_ns.tolist() == recorded.log_ns.tolist(), name
     assert f'played {sum(len(r.payloads) for r in before.values())} messages' in output
-    assert read.run_info(tmp_path / 'inside')['namespace'] == namespace
+    assert read.run_info(tmp_path / 'inside')['namespace'] == '/car1'
     assert of_contract(tmp_path / 'outside') == {}
 
 
@@ -142,22 +141,6 @@ def test_keys_pause_step_and_end(bag_folder, start_player, tmp_path, start_recor
         os.close(follower)
     assert recorder.end()[0] == 0
     assert payloads(tmp_path / 'again')[STATE] == payloads(bag_folder)[STATE][:9]
-
-
-def test_mistakes_are_one_line_that_names_the_parameter(start_player, bag_folder):
-    given = {
-        'bag: is missing': {'bag': "''"},
-        'bag: nowhere: there is no such bag': {'bag': 'nowhere'},
-        'rate: is 0.0': {'bag': "''", 'rate': 0.0},
-        'paused: is true, but no keyboard': {'bag': bag_folder, 'paused': 'true'},
-        'speed: this node has no such parameter': {'bag': "''", 'speed': 2.0},
-    }
-    players = {why: start_player(**parameters) for why, parameters in given.items()}
-    for why, player in players.items():
-        code, output = player.wait()
-        assert code != 0
-        assert why in output
-        assert 'Traceback' not in output
 
 
 def test_command_becomes_the_player_with_every_option(monkeypatch):

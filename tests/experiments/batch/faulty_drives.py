@@ -2,7 +2,6 @@
 
 import os
 import signal
-from pathlib import Path
 
 from experiments import drive_row
 
@@ -20,11 +19,3 @@ def drive_or_fail(setup):
     while setup.friction == HANGS:
         signal.pause()
     return drive_row.drive(setup)
-
-
-def drive_and_edit(setup, file, old, new):
-    """Simulate, then replace a text in a file."""
-    results = drive_row.drive(setup)
-    path = Path(file)
-    path.write_text(path.read_text().replace(old, new))
-    return results

@@ -1,6 +1,7 @@
 """Controllers are compiled beside the first run on a machine; nothing of it outlives that run."""
 
 import pytest
+import quick_compiler
 from wait_until import lives, wait_until
 
 from experiments.configuration import inputs
@@ -27,7 +28,10 @@ def controllers():
     return [(params, car_file.load(params))]
 
 
-def test_solvers_are_compiled_within_the_context_unless_the_cache_has_a_library(cache, controllers):
+def test_solvers_are_compiled_within_the_context_unless_the_cache_has_a_library(
+    cache, controllers, tmp_path, monkeypatch
+):
+    monkeypatch.setenv('CC', quick_compiler.write(tmp_path))
     assert compile_ahead.is_worth_while()
     with compile_ahead.compiling(controllers):
         wait_until(lambda: any(cache.glob('frenet_riccati-*.so')), 240.0, 'nothing is compiled')
