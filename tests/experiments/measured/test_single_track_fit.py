@@ -56,6 +56,19 @@ def test_an_addition_is_found_where_it_is_and_only_there(car):
     assert fit.values['relaxation_m'] < 0.15
 
 
+def test_the_front_wheels_give_way_to_the_force_that_acts_on_them(car):
+    """At rest in a circle: the axle force over the angle is that of both springs in a row."""
+    values = TRUTH | {'compliance_radpn': 8e-6}
+    log = single_track_log(car, 1, values=values, noise=(0.0, 0.0), steer=np.full(1515, 0.004))
+    body, speed = car.car, 20.0
+    force = body.mass_kg * log.ay[-1] * (body.cog_to_rear_m - TRUTH['cog_to_front_m'])
+    force /= body.cog_to_front_m + body.cog_to_rear_m
+    ahead = body.cog_to_front_m + TRUTH['cog_to_front_m']
+    vy = log.vy[-1] - speed * TRUTH['sideslip_offset_rad']
+    slip = 0.004 + TRUTH['steer_offset_rad'] - (vy + ahead * log.r[-1]) / speed
+    assert slip == pytest.approx(force * (1 / TRUTH['front_cornering_npr'] + 8e-6), rel=0.02)
+
+
 def test_gentle_driving_does_not_tell_the_friction(car):
     log = single_track_log(car, 1, seconds=12.0)
     fit = single_track_fit.fit([log], car)
@@ -97,6 +110,16 @@ def test_the_plant_is_identified_as_by_circular_driving(identified):
     assert (identified / 'car.png').stat().st_size > 10_000
 
 
+def test_a_log_that_is_held_out_is_predicted_beside_those_that_are_fitted(identified, capsys):
+    drive, text = str(identified / 'drive.csv'), str(identified / 'map.yaml')
+    words = ['identify', drive, '--held-out', drive, '--map', text, '--out', f'{identified}/2.yaml']
+    assert cli.main([*words, '--fix', 'cog_to_front_m=0']) == 0
+    shown = capsys.readouterr().out.partition('fitted: drive.csv')[2]
+    fitted, held_out = shown.split('held out: drive.csv')
+    assert 'prediction model' in fitted
+    assert fitted.splitlines()[1:5] == held_out.splitlines()[1:5]
+
+
 def test_its_prediction_is_nearer_than_holding_the_state(identified, capsys):
     words = [
         'validate',
@@ -122,9 +145,8 @@ def test_its_prediction_is_nearer_than_holding_the_state(identified, capsys):
     plant = numbers['manoeuvres']['drive.csv'][validation.PLANT]
     for name in ('r', 'ay', 'vy'):
         assert plant[f'{name}_rms_of_range'] < 0.05
-    page = (identified / 'page/validation.html').read_text()
-    assert 'hold the state' in page
-    assert 'data:image/png' in page
+    assert 'hold the state' in capsys.readouterr().out
+    assert (identified / 'page/validation.png').stat().st_size > 10_000
 
 
 def test_recordings_of_ours_are_logs_too(tmp_path):
@@ -132,7 +154,8 @@ def test_recordings_of_ours_are_logs_too(tmp_path):
     logs = [measured_log.load(path, known) for path in REFERENCE]
     fit = single_track_fit.fit(logs, known.car, fixed={'cog_to_front_m': 0.0})
     assert fit.values['front_friction'] == pytest.approx(0.947, rel=0.08)
-    assert all(row.errors()['rms_r'] < 0.05 for row in report.judge(known.car, fit, logs, []))
+    found = validation.validate(logs, report.fitted_car(known.car, fit), fit, None)
+    assert all(m.numbers[validation.PREDICTION]['r_rms_of_range'] < 0.05 for m in found.manoeuvres)
 
 
 @pytest.mark.parametrize(
