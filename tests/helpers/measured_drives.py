@@ -86,17 +86,15 @@ def write_log(path, columns):
     return path
 
 
-def single_track_log(car, seed, seconds=30.0, values=None, noise=(0.03, 0.01), steer=None):
+def single_track_log(car, seed, seconds=30.0, values=None, noise=(0.03, 0.01)):
     """Return a log that the single track of the fit made, with noise of vy [m/s] and r [rad/s]."""
     values = TRUTH if values is None else values
     rng, t = np.random.default_rng(seed), np.arange(0, seconds, STEP_S)
-    if steer is None:
-        steer = steer_at(np.arange(-LONGEST_DELAY_S, seconds - STEP_S / 2, STEP_S), 0.12)
+    early = np.arange(-LONGEST_DELAY_S, seconds - STEP_S / 2, STEP_S)
     zero, vx = np.zeros((len(t), 1)), np.full((len(t), 1), 20.0)
-    window = Windows(steer[:, None], vx, zero, zero, zero, zero)
+    window = Windows(steer_at(early, 0.12)[:, None], vx, zero, zero, zero, zero)
     motion = single_track_fit.simulate(car, values, window.corrected(values)._replace(vy=zero))
     vy = motion.vy[:, 0] + 20.0 * values['sideslip_offset_rad'] + rng.normal(0, noise[0], len(t))
     r = motion.r[:, 0] + rng.normal(0, noise[1], len(t))
-    return Log(
-        'made', t, steer[-len(t) :], vx[:, 0], vy, r, zero[:, 0], motion.ay[:, 0], t >= 0, ()
-    )
+    steer = steer_at(t, 0.12)
+    return Log('made', t, steer, vx[:, 0], vy, r, zero[:, 0], motion.ay[:, 0], t >= 0, ())
