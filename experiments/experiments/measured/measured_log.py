@@ -61,8 +61,8 @@ class Log(NamedTuple):
     notes: tuple[str, ...]
 
 
-def load(path: Path, log_map: LogMap, checked: bool = True) -> Log:
-    """Read and prepare a log. Raises BagError, as `log_checks` unless not `checked`."""
+def load(path: Path, log_map: LogMap) -> Log:
+    """Read and prepare a log. Raises BagError, also where `log_checks` contradicts it."""
     notes = []
     signals = read(path, log_map)
     if 'time' not in signals:  # rate_hz counts the rows that differ
@@ -105,8 +105,7 @@ def load(path: Path, log_map: LogMap, checked: bool = True) -> Log:
             f'{path}: {wrong.mean():.0%} of the rows are wrong ({"; ".join(notes)}); allowed up to '
             f'{MOST_WRONG:.0%}'
         )
-    if checked:
-        notes += log_checks.check(path, t, signals, log_map)
+    notes += log_checks.check(path, t, signals, log_map)
     even, grid = np.arange(t[0], t[-1], step), np.arange(t[0], t[-1], STEP_S)
     valid = np.interp(grid, t, wrong) == 0
     for k in gaps:
