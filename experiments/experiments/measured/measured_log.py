@@ -184,9 +184,8 @@ def _read_vbo(path):
     names = names.partition('[')[0].split()
     if not names or not data:
         raise ValueError('sections [column names] and [data] are missing')
-    options = {'sep': r'\s+', 'index_col': False, 'float_precision': 'round_trip'}
-    # a file ends where the logger lost its power
-    return _numbers(pandas.read_csv(StringIO(data), names=names, **options)).dropna()
+    rows = pandas.read_csv(StringIO(data), sep=r'\s+', names=names, index_col=False)
+    return _numbers(rows).dropna()  # a file ends where the logger lost its power
 
 
 def _read_mat(path):
