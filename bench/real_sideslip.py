@@ -94,7 +94,7 @@ def compare(car: str, path: Path, fit: Fit, begin: float = 0.0, end: float = 1.0
     part = (t >= begin * t[-1]) & (t <= end * t[-1]) & np.append(True, np.diff(t) > 0)
     moving = np.cumsum(part & (signals['vx'] > LEAST_MPS)) > 0  # begins on the move
     signals = {name: x[part & moving] for name, x in signals.items()} | {'time': t[part & moving]}
-    truth = measured_log.load(path, known, checked=False)
+    truth = measured_log.load(path, known)
     step = float(np.median(np.diff(signals['time'])))
     defaults = node_parameters.find_config('state_estimator', 'estimator.yaml')
     params = parameters.load(EstimatorParams, defaults)

@@ -5,8 +5,8 @@ lengths, which no log tells. Stiffness and peak friction of both axles, the plac
 0.1 m (where the log tells it), offset and delay of the steer and the offset of the sideslip are
 fitted to windows of 2 s: the prediction model with the measured speed and steer against measured
 lateral speed and yaw rate. Prints every parameter with its interval of 95 %, which of them the log
-does not tell, and the errors of each log, of those held out too. OUT is the car file; beside it are
-its figure (.png) and the numbers for `experiments validate` (.json).
+does not tell, and how well the car predicts these logs, and those held out. OUT is the car file;
+beside it are a figure of the latter (.png) and the numbers for `experiments validate` (.json).
 """
 
 import argparse
@@ -23,6 +23,7 @@ EXAMPLE = (
 )
 
 FILE_WIDTH = 160
+AHEAD_S = 1.0  # of the errors that are shown; `validate` shows more
 
 
 def add_log_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
     shown = console.wide(FILE_WIDTH)
     known = log_map.load(options.map)
     # a mistake in the map is told before scipy, CasADi and matplotlib are loaded
-    from experiments.measured import measured_log, report, single_track_fit
+    from experiments.measured import measured_log, report, single_track_fit, validation
 
     logs = [measured_log.load(path, known) for path in options.logs]
     held_out = [measured_log.load(path, known) for path in options.held_out]
@@ -65,14 +66,18 @@ def run(options: argparse.Namespace) -> int:
         print_text(shown, 'the place of the CoG is not told: it stays where the map has it')
         fixed['cog_to_front_m'] = 0.0
         fit = single_track_fit.fit(logs, known.car, options.add, fixed)
-    judged = report.judge(known.car, fit, logs, held_out)
-    report.write_car(options.out, known.car, fit, judged)
-    picture = options.out.with_suffix('.png')
-    report.draw_fit(judged).savefig(picture, metadata={'Software': None})
+    report.write_car(options.out, known.car, fit, [log.name for log in logs])
     shown.print(report.parameter_table(fit))
     first, second, value = fit.correlated
-    print_text(shown, f'\nhardest to tell apart: {first} and {second}, correlation {value:.2f}\n')
-    shown.print(report.error_table(judged))
+    print_text(shown, f'\nhardest to tell apart: {first} and {second}, correlation {value:.2f}')
+    car, picture = report.fitted_car(known.car, fit), options.out.with_suffix('.png')
+    for title, judged in (('fitted', logs), ('held out', held_out)):
+        if judged:
+            result = validation.validate(judged, car, fit, None)
+            title = f'{title}: {", ".join(log.name for log in judged)}'
+            print_text(shown, f'\n{title}')
+            shown.print(report.error_table(result, (AHEAD_S,)))
+            report.draw(result, title, picture)
     print_text(shown, f'\ncar file: {options.out}\nfigure: {picture}')
     return 0
 

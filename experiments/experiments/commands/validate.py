@@ -3,7 +3,7 @@
 From every measured state the prediction model follows the measured steer and speed: errors of
 lateral speed, yaw rate and position at 0.25 to 2 s, by lateral acceleration, beside the same car
 with linear tyres and beside holding the state. Then the hardest manoeuvre of each log from its
-first state on, with the plant, too. Everything is on one page, validation.html in --out.
+first state on, with the plant, too. A figure and the numbers are written to --out.
 
 The offsets of the log's steer and sideslip are those that `identify` wrote beside the car file.
 """
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--car', required=True, metavar='FILE', help=text)
     text = 'plant file of the same car: a name in vehicle_plant/config, or a path (default: none)'
     parser.add_argument('--plant', metavar='FILE', help=text)
-    add_out(parser, Path('runs/validation'), 'page, figure and numbers')
+    add_out(parser, Path('runs/validation'), 'figure and numbers')
 
 
 def run(options: argparse.Namespace) -> int:
@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
     path = node_parameters.find_config('mpcc_controller', options.car)
     try:
         fit = report.read_fit(path)
-    except (ValueError, KeyError) as error:
+    except (ValueError, TypeError) as error:
         raise BagError(f'{path.with_suffix(".json")}: is not of identify: {error}') from None
     if fit is None:
         name = path.with_suffix('.json').name
@@ -57,8 +57,10 @@ def run(options: argparse.Namespace) -> int:
     logs = [measured_log.load(log, known) for log in options.logs]
     result = validation.validate(logs, car, fit, plant)
     title = f'{path.stem} against {", ".join(log.name for log in logs)}'
-    for heading, table in report.tables(result).items():
-        print_text(shown, f'\n{heading}')
-        shown.print(console.table([*table], table.to_numpy()))
-    print_paths(shown, report.write_page(result, options.out, title))
+    for m in result.manoeuvres:
+        print_text(shown, f'\nThrough the manoeuvre of {m.log}')
+        shown.print(report.manoeuvre_table(m))
+    print_text(shown, '\nErrors ahead of every measured state, rms')
+    shown.print(report.error_table(result))
+    print_paths(shown, report.write(result, options.out, title))
     return 0

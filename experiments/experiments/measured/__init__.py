@@ -5,5 +5,5 @@ measured_log      a log of any format in SI units at the CoG, filtered, without 
 log_checks        signs, units and signals that contradict each other
 single_track_fit  the single track over many windows at once, and its fit with intervals
 validation        errors of prediction model and plant against a log
-report            the car file, tables, figures and the page of a fit and of a validation
+report            the car file and table of a fit; tables, figure and numbers of a validation
 """

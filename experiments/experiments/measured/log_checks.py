@@ -15,19 +15,18 @@ from bags.errors import BagError
 from experiments.measured.log_map import LogMap
 
 GENTLE_MPS2, SLOWEST_MPS, FASTEST_MPS = 4.0, 4.0, 90.0
-EXCITED_RADPS = 0.03
-LEAST_ROWS = 50
+EXCITED_RADPS, LEAST_ROWS = 0.03, 50
 GAIN = (0.15, 2.5)  # of vx steer / L, understeer and lag included
 AY_GAIN = (0.6, 1.5)  # of vx r
 GREATEST_MPS2 = 16.0  # of vx r, of a road car
 LATEST_S = 0.3  # the car follows its steering, and recorders have delays
 # of a gain: what it is when a unit or the ratio is wrong
-UNITS = {
+MISTAKES = {
     3.6: 'a speed in km/h read as m/s, or the other way round',
     57.3: 'degrees read as radians, or the other way round',
 }
-STEER_MISTAKES = UNITS | {16.0: 'the steering ratio left out or doubly applied'}
-AY_MISTAKES = UNITS | {9.81: 'g read as m/s^2, or the other way round'}
+STEER_MISTAKES = MISTAKES | {16.0: 'the steering ratio left out or doubly applied'}
+AY_MISTAKES = MISTAKES | {9.81: 'g read as m/s^2, or the other way round'}
 TELLING = 0.6  # correlation from which on a gain is judged
 SUSTAINED_S = 1.0  # of gentle driving
 # a slower car's lateral speed is mostly that of rolling, whatever its tyres
@@ -42,23 +41,21 @@ def check(
 
     Returns what could not be checked.
     """
-    vx, r, steer = signals['vx'], signals['yaw_rate'], signals['steer']
+    vx, r = signals['vx'], signals['yaw_rate']
+    body, step = log_map.car.car, float(np.median(np.diff(t)))
     if np.median(vx) < 0:
         raise BagError(f'{path}: vx: is negative most of the time; set sign: -1 in the map')
     if not SLOWEST_MPS <= np.quantile(vx, 0.99) <= FASTEST_MPS:
         allowed = f'a car drives {SLOWEST_MPS:g} to {FASTEST_MPS:g}'
         raise BagError(f'{path}: vx: up to {vx.max():.3g} m/s; {allowed}: is its unit right?')
-    body = log_map.car.car
-    wheelbase = body.cog_to_front_m + body.cog_to_rear_m
-    geometric = vx * np.tan(np.clip(steer, -1, 1)) / wheelbase
+    steer = np.tan(np.clip(signals['steer'], -1, 1))
+    geometric = vx * steer / (body.cog_to_front_m + body.cog_to_rear_m)
     gentle = (vx > SLOWEST_MPS) & (np.abs(vx * r) < GENTLE_MPS2)
-    step = float(np.median(np.diff(t)))
     gentle = minimum_filter1d(gentle, max(round(SUSTAINED_S / step), 1))
     turning = np.maximum(np.abs(r), np.abs(geometric)) > EXCITED_RADPS
     turning &= vx > SLOWEST_MPS
-    rows = gentle & turning
-    if rows.sum() < LEAST_ROWS:
-        rows = turning  # wrong units may have hidden the gentle driving
+    # wrong units may have hidden the gentle driving
+    rows = gentle & turning if (gentle & turning).sum() >= LEAST_ROWS else turning
     if rows.sum() < LEAST_ROWS:
         raise BagError(f'{path}: yaw_rate, steer: the car hardly turns: nothing to learn')
     for name, values in (('steer', geometric), ('yaw_rate', r)):
@@ -74,10 +71,10 @@ def check(
     delays = range(0, max(round(LATEST_S / step), 1), max(round(0.02 / step), 1))
     gains = (_gain(np.roll(geometric, delay), r, rows) for delay in delays)
     best = max(gains, key=lambda pair: abs(pair[1]))
-    unknown = _judge(path, 'yaw_rate over vx steer / L', *best, GAIN, STEER_MISTAKES)
+    unknown = _judge(path, 'yaw_rate over vx steer / L', *best, *GAIN, STEER_MISTAKES)
     if 'ay' in signals:
-        measured = _gain(vx * r, signals['ay'], turning)
-        unknown += _judge(path, 'ay over vx yaw_rate', *measured, AY_GAIN, AY_MISTAKES)
+        gain = _gain(vx * r, signals['ay'], turning)
+        unknown += _judge(path, 'ay over vx yaw_rate', *gain, *AY_GAIN, AY_MISTAKES)
     return unknown + _check_lateral_sign(path, t, step, signals, log_map)
 
 
@@ -88,8 +85,7 @@ def _gain(x, y, rows):
     return (float(x @ y / (x @ x)), float(x @ y / power)) if power else (0.0, 0.0)
 
 
-def _judge(path, what, gain, correlation, allowed, mistakes):
-    low, high = allowed
+def _judge(path, what, gain, correlation, low, high, mistakes):
     if abs(correlation) < TELLING:
         return [f'{what}: not checked, correlation {correlation:.2f}']
     if gain < 0:
@@ -99,32 +95,27 @@ def _judge(path, what, gain, correlation, allowed, mistakes):
         )
     if low <= gain <= high:
         return []
-    size = abs(np.log(max(gain, 1e-9)))
-    near = min(mistakes, key=lambda factor: abs(size - np.log(factor)))
+    near = min(mistakes, key=lambda factor: abs(abs(np.log(gain)) - np.log(factor)))
     raise BagError(
         f'{path}: {what} is {gain:.3g}; a car has {low:g} to {high:g}: as with {mistakes[near]}'
     )
 
 
 def _check_lateral_sign(path, t, step, signals, log_map):
-    body = log_map.car.car
-    wheelbase = body.cog_to_front_m + body.cog_to_rear_m
-    rows_per_window = max(round(0.1 / step), 1)
-    vx, vy, r = (uniform_filter1d(signals[n], rows_per_window) for n in ('vx', 'vy', 'yaw_rate'))
-    vy_ahead = (log_map.columns.sensor.ahead_m or 0.0) * r
+    body, ahead = log_map.car.car, log_map.columns.sensor.ahead_m or 0.0
+    window = max(round(0.1 / step), 1)
+    vx, vy, r = (uniform_filter1d(signals[n], window) for n in ('vx', 'vy', 'yaw_rate'))
     rows = (vx > SLIPPING_MPS) & (np.abs(r) > EXCITED_RADPS)
     if rows.sum() < LEAST_ROWS:
         return [f'sign of vy: not checked, the car turns below {SLIPPING_MPS:g} m/s only']
-    wrong_share = {}  # of the slip that the force does not explain
-    for sign in (1, -1):
-        vy_cog = sign * vy - vy_ahead
-        ay = np.gradient(vy_cog, t) + vx * r
-        force = body.mass_kg * body.cog_to_front_m * ay
-        force = (force - body.yaw_inertia_kgm2 * np.gradient(r, t)) / wheelbase
+    unexplained = []  # share of the slip that the force does not explain
+    for vy_cog in (vy - ahead * r, -vy - ahead * r):
+        moment = body.mass_kg * body.cog_to_front_m * (np.gradient(vy_cog, t) + vx * r)
+        force = moment - body.yaw_inertia_kgm2 * np.gradient(r, t)
         slip = (vy_cog - body.cog_to_rear_m * r) / np.maximum(vx, SLOWEST_MPS)
-        gain, fit = _gain(force, slip, rows)
-        wrong_share[sign] = float(np.sqrt(1 - fit**2)) if gain < 0 else 1.0
-    if wrong_share[1] > CLEAR * wrong_share[-1]:
+        gain, correlation = _gain(force, slip, rows)
+        unexplained.append(np.sqrt(1 - correlation**2) if gain < 0 else 1.0)
+    if unexplained[0] > CLEAR * unexplained[1]:
         raise BagError(
             f'{path}: vy: with the other sign the rear axle slips as its force demands, with this '
             'one it does not; set sign: -1 in the map (left is positive)'

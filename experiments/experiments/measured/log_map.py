@@ -40,6 +40,7 @@ class Signal(Struct):
     column: str | None
     unit: str | None  # of UNITS
     sign: Annotated[int, Range(-1, 1, '-')] | None
+    late_s: Annotated[float, Range(-0.5, 0.5, 's behind the other signals')] | None
 
 
 Signals = make_dataclass('Signals', [(name, Signal) for name in UNITS], frozen=True)

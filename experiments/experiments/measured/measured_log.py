@@ -6,6 +6,7 @@ left out of everything that follows. `Log.notes` says how much that was.
 """
 
 import csv
+from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,14 +28,13 @@ LEAST_RATE_HZ = 20.0
 LONGEST_GAP_STEPS = 2.5  # of the median time between two rows
 AROUND_GAP_S = 0.1  # which a filter spoils
 SPIKE_WINDOW = 7  # rows of the running median
-SPIKE_DEVIATIONS = 8.0  # robust standard deviations from it
+SPIKE_DEVIATIONS = 8.0 * 1.4826  # median deviations from it: 8 standard deviations
 BURST_S, BURST_FACTOR = 0.3, 10.0  # of the median, and of SPIKE_LEAST, for spikes in a row
 # at least so far from it: rad, m/s, m/s, rad/s, m/s^2
 SPIKE_LEAST = {'steer': 0.04, 'vx': 0.5, 'vy': 0.3, 'yaw_rate': 0.1, 'ax': 3.0, 'ay': 3.0}
 MENDED_S = 0.1  # a longer spike is left out
 MOST_WRONG = 0.2  # share of the rows
 FROZEN_S, FROZEN_ABOVE_RADPS = 0.3, 0.15
-NORMAL_MAD = 1.4826
 LEAST_ROWS = 100
 MOST_SHOWN = 40  # columns of a log that an error names
 IMU = '/vehicle/imu'  # may be missing in a bag
@@ -61,15 +61,17 @@ class Log(NamedTuple):
     notes: tuple[str, ...]
 
 
-def load(path: Path, log_map: LogMap, checked: bool = True) -> Log:
-    """Read and prepare a log. Raises BagError, as `log_checks` unless not `checked`."""
+def load(path: Path, log_map: LogMap) -> Log:
+    """Read and prepare a log. Raises BagError, also where `log_checks` contradicts it."""
     notes = []
-    signals, every = _without_repeats(read(path, log_map))
-    if every > 1:
-        notes.append(f'every row {every} times: one of them used')
-    t = signals.pop('time', None)
-    if t is None:
-        t = np.arange(len(signals['vx'])) / log_map.columns.rate_hz
+    signals = read(path, log_map)
+    if 'time' not in signals:  # rate_hz counts the rows that differ
+        repeats = np.all(np.diff([*signals.values()], prepend=np.nan) == 0, axis=0)
+        if repeats.any():
+            notes.append(f'{repeats.sum()} rows repeat the one before: left out')
+        signals = {name: x[~repeats] for name, x in signals.items()}
+        signals['time'] = np.arange((~repeats).sum()) / log_map.columns.rate_hz
+    t = signals.pop('time')
     if not np.isfinite(t).all() or (np.diff(t) < 0).any():
         raise BagError(f'{path}: time: does not increase from row to row')
     increasing = np.append(True, np.diff(t) > 0)
@@ -91,8 +93,7 @@ def load(path: Path, log_map: LogMap, checked: bool = True) -> Log:
             wrong |= longer_than(MENDED_S, spikes)
     turning = np.abs(signals['yaw_rate']) > FROZEN_ABOVE_RADPS
     for name in ('vy', 'yaw_rate'):
-        still = np.append(False, np.diff(signals[name]) == 0)
-        frozen = longer_than(FROZEN_S, still) & turning
+        frozen = longer_than(FROZEN_S, np.append(False, np.diff(signals[name]) == 0)) & turning
         if frozen.any():
             notes.append(f'{name}: stands still for {frozen.sum() * step:.1f} s')
             wrong |= frozen
@@ -104,15 +105,15 @@ def load(path: Path, log_map: LogMap, checked: bool = True) -> Log:
             f'{path}: {wrong.mean():.0%} of the rows are wrong ({"; ".join(notes)}); allowed up to '
             f'{MOST_WRONG:.0%}'
         )
-    if checked:
-        notes += log_checks.check(path, t, signals, log_map)
+    notes += log_checks.check(path, t, signals, log_map)
     even, grid = np.arange(t[0], t[-1], step), np.arange(t[0], t[-1], STEP_S)
     valid = np.interp(grid, t, wrong) == 0
     for k in gaps:
         valid &= (grid < t[k] - AROUND_GAP_S) | (grid > t[k + 1] + AROUND_GAP_S)
     low_pass = butter(2, min(LOW_PASS_HZ, 0.4 / step), fs=1 / step, output='sos')
+    late = {name: getattr(log_map.columns.signals, name).late_s or 0.0 for name in signals}
     steer, vx, vy, r = (
-        sosfiltfilt(low_pass, np.interp(even, t, signals[name]))
+        sosfiltfilt(low_pass, np.interp(even + late[name], t, signals[name]))
         for name in ('steer', 'vx', 'vy', 'yaw_rate')
     )
     sensor = log_map.columns.sensor
@@ -123,16 +124,6 @@ def load(path: Path, log_map: LogMap, checked: bool = True) -> Log:
     return Log(path.name, grid - t[0], *columns, valid, tuple(notes))
 
 
-def _without_repeats(signals):
-    """Return every k-th row of a log that repeats each row k times, and k."""
-    rows = np.column_stack([x for name, x in signals.items() if name != 'time'])
-    changes = np.flatnonzero(np.any(np.diff(rows, axis=0) != 0, axis=1))
-    every = int(np.median(np.diff(changes))) if len(changes) > 2 else 1
-    # the first row of each repetition
-    start = changes[len(changes) // 2] + 1 if every > 1 else 0
-    return {name: x[start % every :: every] for name, x in signals.items()}, every
-
-
 def _spikes(values, least, burst):
     missing = ~np.isfinite(values)
     if missing.all():
@@ -140,8 +131,7 @@ def _spikes(values, least, burst):
     values = np.where(missing, np.nanmedian(values), values)
     away = np.abs(values - median_filter(values, SPIKE_WINDOW, mode='nearest'))
     far = np.abs(values - median_filter(values, burst, mode='nearest')) > BURST_FACTOR * least
-    limit = max(least, SPIKE_DEVIATIONS * NORMAL_MAD * float(np.median(away)))
-    return missing | far | (away > limit)
+    return missing | far | (away > max(least, SPIKE_DEVIATIONS * float(np.median(away))))
 
 
 def read(path: Path, log_map: LogMap) -> dict[str, np.ndarray]:
@@ -152,8 +142,11 @@ def read(path: Path, log_map: LogMap) -> dict[str, np.ndarray]:
     reader = {'.vbo': _read_vbo, '.mat': _read_mat, '.csv': _read_csv}.get(path.suffix.lower())
     if reader is None:
         return _read_bag(path)
-    columns, wanted = reader(path), log_map.columns
-    signals: dict[str, np.ndarray] = {}
+    try:
+        columns = reader(path)
+    except (ValueError, TypeError, NotImplementedError, csv.Error) as error:
+        raise BagError(f'{path}: cannot be read as {path.suffix[1:]}: {error}') from None
+    wanted, signals = log_map.columns, {}
     for name, units in UNITS.items():
         signal = getattr(wanted.signals, name)
         if not signal.column:
@@ -179,40 +172,32 @@ def read(path: Path, log_map: LogMap) -> dict[str, np.ndarray]:
     return signals
 
 
+def _numbers(frame):
+    return frame.apply(pandas.to_numeric, errors='coerce')
+
+
 def _read_vbo(path):
-    text = path.read_text(encoding='latin-1')
-    names, data = text.partition('[column names]')[2], text.partition('[data]')[2]
+    names, data = (
+        path.read_text(encoding='latin-1').partition(f'[{section}]')[2]
+        for section in ('column names', 'data')
+    )
     names = names.partition('[')[0].split()
     if not names or not data:
-        raise BagError(f'{path}: is no VBO file: sections [column names] and [data] are missing')
-    # a file ends where the logger lost its power
-    rows = [row for line in data.splitlines() if len(row := line.split()) == len(names)]
-    try:
-        return dict(zip(names, np.array(rows, float).reshape(-1, len(names)).T))
-    except ValueError as error:
-        raise BagError(f'{path}: {error}') from None
+        raise ValueError('sections [column names] and [data] are missing')
+    rows = pandas.read_csv(StringIO(data), sep=r'\s+', names=names, index_col=False)
+    return _numbers(rows).dropna()  # a file ends where the logger lost its power
 
 
 def _read_mat(path):
-    try:
-        content = loadmat(path, squeeze_me=True)
-    except (ValueError, TypeError, NotImplementedError) as error:
-        raise BagError(f'{path}: is no MATLAB file up to version 7: {error}') from None
-    arrays = {name: np.asarray(x) for name, x in content.items() if not name.startswith('__')}
-    columns = {name: x for name, x in arrays.items() if x.ndim == 1 and x.dtype.kind in 'iuf'}
-    if not columns:
-        raise BagError(f'{path}: holds no vector of numbers')
-    longest = max(map(len, columns.values()))
-    return {name: x for name, x in columns.items() if len(x) == longest}
+    content = loadmat(path, squeeze_me=True).items()
+    columns = {n: x for n, x in content if isinstance(x, np.ndarray) and x.dtype.kind in 'iuf'}
+    longest = max((x.size for x in columns.values()), default=0)
+    return {name: x for name, x in columns.items() if x.shape == (longest,)}
 
 
 def _read_csv(path):
-    try:
-        frame = pandas.read_csv(path, sep=None, engine='python', skipinitialspace=True)
-        frame = frame.apply(pandas.to_numeric, errors='coerce').dropna(axis=1, how='all')
-    except (ValueError, csv.Error) as error:
-        raise BagError(f'{path}: is no CSV file with a header: {error}') from None
-    return {str(name).strip(): column for name, column in frame.items()}
+    frame = pandas.read_csv(path, sep=None, engine='python', skipinitialspace=True)
+    return _numbers(frame).dropna(axis=1, how='all').rename(columns=lambda name: str(name).strip())
 
 
 def _read_bag(path):

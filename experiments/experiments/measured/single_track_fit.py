@@ -29,14 +29,15 @@ from mpcc_controller.parameters import CarParams
 GRAVITY = 9.81
 WINDOW_S, LEAST_SPEED_MPS = 2.0, 6.0
 LONGEST_DELAY_S = 0.3
-MOST_STEPS = 60  # of the fit
+MOST_STEPS = 400  # of the fit
 MOST_WINDOWS, LEAST_WINDOWS = 200, 5
 SCALES = (0.1, 0.02)  # m/s and rad/s: vy and r of a residual of size 1
 EVERY = 2  # rows of a residual: signals have passed a filter of 8 Hz
 ROLL_S = 0.1  # delay of lateral load transfer
+NEWTON_STEPS = 3  # of the steering compliance
 LONGITUDINAL_SHARE = 0.95  # of the friction that a longitudinal force takes at most
 BLOCK_S, CONFIDENCE = 0.5, 0.95
-# half width over the value, or over the range where there is no scale: the log tells less
+# half width over the value, or over the range of what may be 0: the log tells less
 VAGUE = 0.2
 
 
@@ -49,23 +50,21 @@ class Kind(NamedTuple):
     start: float  # of the fit; of a stiffness per load of its axle [1/rad]
     unit: str
     meaning: str
-    relative: bool = True  # its interval is judged relative to its value
 
 
 KINDS = {
-    'front_cornering_npr': Kind(1e4, 8e5, 1e5, 15.0, 'N/rad', 'cornering stiffness, front axle'),
-    'rear_cornering_npr': Kind(1e4, 8e5, 1e5, 15.0, 'N/rad', 'cornering stiffness, rear axle'),
+    'front_cornering_npr': Kind(1e4, 5e5, 1e5, 15.0, 'N/rad', 'cornering stiffness, front axle'),
+    'rear_cornering_npr': Kind(1e4, 5e5, 1e5, 15.0, 'N/rad', 'cornering stiffness, rear axle'),
     'front_friction': Kind(0.2, 2.5, 0.3, 1.0, '-', 'peak lateral force over load, front'),
     'rear_friction': Kind(0.2, 2.5, 0.3, 1.0, '-', 'peak lateral force over load, rear'),
-    # from the map's
-    'cog_to_front_m': Kind(-0.1, 0.1, 0.1, 0.0, 'm', 'CoG to front axle', False),
-    'steer_offset_rad': Kind(-0.05, 0.05, 0.01, 0.0, 'rad', 'added to the measured steer', False),
-    'steer_delay_s': Kind(0.0, 0.25, 0.05, 0.03, 's', 'of the wheels behind the steer', False),
-    'sideslip_offset_rad': Kind(-0.05, 0.05, 0.01, 0.0, 'rad', 'of the measured sideslip', False),
+    'cog_to_front_m': Kind(-0.1, 0.1, 0.1, 0.0, 'm', "CoG to front axle, beyond the map's"),
+    'steer_offset_rad': Kind(-0.05, 0.05, 0.01, 0.0, 'rad', 'added to the measured steer'),
+    'steer_delay_s': Kind(0.0, 0.25, 0.05, 0.03, 's', 'of the wheels behind the steer'),
+    'sideslip_offset_rad': Kind(-0.05, 0.05, 0.01, 0.0, 'rad', 'of the measured sideslip'),
     'relaxation_m': Kind(0.0, 3.0, 0.3, 0.3, 'm', 'relaxation length of both axles'),
-    'load_front': Kind(0.0, 0.6, 0.1, 0.1, '-', 'loss of the front axle at 1 g', False),
-    'load_rear': Kind(0.0, 0.6, 0.1, 0.1, '-', 'loss of the rear axle at 1 g', False),
-    'compliance_radpn': Kind(0.0, 3e-5, 2e-6, 5e-7, 'rad/N', 'steering compliance', False),
+    'load_front': Kind(0.0, 0.6, 0.1, 0.1, '-', 'loss of the front axle at 1 g'),
+    'load_rear': Kind(0.0, 0.6, 0.1, 0.1, '-', 'loss of the rear axle at 1 g'),
+    'compliance_radpn': Kind(0.0, 3e-5, 2e-6, 5e-7, 'rad/N', 'steering compliance'),
 }
 BASIC = tuple(KINDS)[:8]
 ADDITIONS = ('relaxation', 'load', 'compliance')  # with these words their parameters begin
@@ -171,6 +170,19 @@ def axle_force(z: Any, stiffness: Any, capacity: Any) -> Any:
     return -np.sign(z) * capacity * (3 * q - 3 * q**2 + q**3)
 
 
+def _given_way(slip, stiffness, capacity, compliance):
+    """Return the angle by which the front wheels give way to the force of their slip angle."""
+    if not compliance.any():
+        return 0.0
+    stiff, size = compliance * stiffness, np.abs(slip)
+    given = np.minimum(size, compliance * capacity)  # from above Newton's method converges
+    for _ in range(NEWTON_STEPS):
+        q = np.minimum(np.tan(size - given) * stiffness / (3 * capacity), 1.0)
+        wrong = given - compliance * capacity * (3 * q - 3 * q**2 + q**3)
+        given = given - wrong / (1 + stiff * (1 - q) ** 2)
+    return np.copysign(given, slip)
+
+
 def simulate(car: CarParams, values: Mapping[str, Any], windows: Windows) -> Windows:
     """Return the motion of the single track in corrected windows, from their first row on.
 
@@ -199,13 +211,9 @@ def simulate(car: CarParams, values: Mapping[str, Any], windows: Windows) -> Win
             along = np.clip(share * Fx, -LONGITUDINAL_SHARE * grip, LONGITUDINAL_SHARE * grip)
             axles.append((p[f'{name}_cornering_npr'] * left, np.sqrt(grip**2 - along**2), along))
         (Cf, Gf, Xf), (Cr, Gr, _) = axles
-        angle = np.arctan((vy + lf * r) / vx)
-        steady_f, turned = np.tan(angle - delta), delta
-        if p['compliance_radpn'].any():
-            for _ in range(3):
-                turned = delta - p['compliance_radpn'] * axle_force(steady_f, Cf, Gf)
-                steady_f = np.tan(angle - turned)
-        steady = steady_f, (vy - lr * r) / vx
+        slip = np.arctan((vy + lf * r) / vx) - delta
+        given = _given_way(slip, Cf, Gf, p['compliance_radpn'])
+        steady, turned = (np.tan(slip - given), (vy - lr * r) / vx), delta + given
         zf, zr = (old + (new - old) * fraction for old, new in zip(lagged, steady))
         Ff, Fr = axle_force(zf, Cf, Gf), axle_force(zr, Cr, Gr)
         Yf = Ff * np.cos(turned) + Xf * np.sin(turned)
@@ -242,9 +250,9 @@ def fit(
     additions: Sequence[str] = (),
     fixed: Mapping[str, float] | None = None,
 ) -> Fit:
-    """Fit to the logs; `fixed` parameters keep their values. Raises BagError for too few windows.
+    """Fit to the logs; `fixed` parameters keep their values.
 
-    The additions are of ADDITIONS.
+    The additions are of ADDITIONS. Raises BagError for too few windows, and where no end is found.
     """
     windows = cut(logs)
     count = windows.vx.shape[1]
@@ -253,54 +261,54 @@ def fit(
             f'{count} windows of {WINDOW_S:g} s above {LEAST_SPEED_MPS:g} m/s; at least '
             f'{LEAST_WINDOWS} are needed'
         )
-    if count > MOST_WINDOWS:  # those in which the car turns most
-        windows = windows.take(np.sort(np.argsort(np.ptp(windows.r, axis=0))[-MOST_WINDOWS:]))
-        count = MOST_WINDOWS
+    # those in which the car turns most
+    windows = windows.take(np.sort(np.argsort(np.ptp(windows.r, axis=0))[-MOST_WINDOWS:]))
     fixed = dict(fixed or {})
     chosen = (name for name in KINDS if name in BASIC or name.startswith(tuple(additions)))
     names = [name for name in chosen if name not in fixed]
-    low, high, scale, start = (np.array([KINDS[n][k] for n in names]) for k in range(4))
-    problem = _Problem(car, windows, names, fixed, scale)
-    stiff = np.array([name.endswith('cornering_npr') for name in names])
-    start[stiff] = start[stiff] * car.car.mass_kg * GRAVITY / 2
-    start = np.clip(start, low * 1.001, high * 0.999)
-    states = [x[0] / size for x, size in zip((windows.vy, windows.r), SCALES)]
-    x0 = np.concatenate([start / scale, *states])
-    free = np.full(2 * count, np.inf)
-    bounds = (np.append(low / scale, -free), np.append(high / scale, free))
+    problem = _Problem(car, windows, names, fixed)
+    functions = problem.residuals, problem.x0, problem.jacobian, problem.bounds
     ends = {'xtol': 1e-5, 'ftol': 1e-6, 'max_nfev': MOST_STEPS}
-    functions = problem.residuals, x0, problem.jacobian
-    solution = least_squares(*functions, bounds, loss='soft_l1', **ends)
-    values = dict(zip(names, (solution.x[: len(names)] * scale).tolist()))
+    solution = least_squares(*functions, loss='soft_l1', **ends)
+    if not solution.success:
+        raise BagError(f'the fit has not ended after {MOST_STEPS} steps: --fix what is not told')
     half_widths, correlation = problem.intervals(solution.x)
-    half = dict(zip(names, (half_widths * scale).tolist()))
-    vague = tuple(name for name in names if _is_vague(name, values[name], half[name]))
-    pair = np.unravel_index(np.argmax(np.abs(np.triu(correlation, 1))), correlation.shape)
-    correlated = names[pair[0]], names[pair[1]], float(correlation[pair])
+    sizes = (x[: len(names)] * problem.scale[:-2] for x in (solution.x, half_widths))
+    values, half = (dict(zip(names, size.tolist())) for size in sizes)
+    vague = tuple(name for name in names if _is_vague(KINDS[name], values[name], half[name]))
+    i, k = np.unravel_index(np.argmax(np.abs(np.triu(correlation, 1))), correlation.shape)
+    correlated = names[i], names[k], float(correlation[i, k])
     return Fit(fixed | values, half, vague, correlated, tuple(additions))
 
 
-def _is_vague(name, value, half):
-    kind = KINDS[name]
+def _is_vague(kind, value, half):
     at_bound = min(value - kind.low, kind.high - value) < 1e-3 * (kind.high - kind.low)
-    reference = abs(value) if kind.relative else kind.high - kind.low
     # a delay, a length or a loss of nothing is an answer
     is_pushed = at_bound and (kind.low < 0 or value > kind.low + kind.scale)
-    return is_pushed or half > VAGUE * reference
+    return is_pushed or half > VAGUE * (value if kind.low > 0 else kind.high - kind.low)
 
 
 class _Problem:
     """Residuals of all windows and their derivatives by differences, every column at once.
 
     What is sought, x, are the parameters and then vy and r at the start of each window, by `scale`.
+    Residuals are (windows, rows and signals).
     """
 
-    def __init__(self, car, windows, names, fixed, scale):
+    def __init__(self, car, windows, names, fixed):
         self.car, self.windows, self.names, self.fixed = car, windows, names, fixed
-        self.scale, self.count = np.append(scale, SCALES), windows.vx.shape[1]
+        kinds, states = [KINDS[name] for name in names], np.array([windows.vy[0], windows.r[0]])
+        scale, self.count = np.array([kind.scale for kind in kinds]), windows.vx.shape[1]
+        self.scale, load = np.append(scale, SCALES), car.car.mass_kg * GRAVITY / 2
+        low, high = np.array([(kind.low, kind.high) for kind in kinds]).T / scale
+        start = [kind.start * (load if kind.unit == 'N/rad' else 1.0) for kind in kinds]
+        start = np.clip(start / scale, low * 1.001, high * 0.999)
+        self.x0 = np.concatenate([start, *(states.T / SCALES).T])
+        free = np.full(states.size, np.inf)
+        self.bounds = np.append(low, -free), np.append(high, free)
 
-    def _residuals(self, x, changes):
-        """Return (rows, 2, m, windows): each window with each change (m, names + 2) of x."""
+    def _changed(self, x, changes):
+        """Return the residuals with each change (m, names + 2) of x: (m, windows, k)."""
         n, m = len(self.names), len(changes)
         own = np.vstack([np.repeat(x[:n, None], self.count, 1), x[n:].reshape(2, -1)])
         changed = (own[:, None] + changes.T[:, :, None]).reshape(n + 2, -1)
@@ -308,36 +316,28 @@ class _Problem:
         values = self.fixed | dict(zip(self.names, values))
         windows = self.windows.take(np.tile(np.arange(self.count), m)).corrected(values)
         motion = simulate(self.car, values, windows._replace(vy=vy[None], r=r[None]))
-        pair = zip((motion.vy, motion.r), (windows.vy, windows.r), SCALES)
-        parts = [(model - measured)[::EVERY] / scale for model, measured, scale in pair]
-        return np.stack(parts, axis=1).reshape(-1, 2, m, self.count)
+        pairs = zip((motion.vy, motion.r), (windows.vy, windows.r), SCALES)
+        parts = [(model - measured)[::EVERY].T / scale for model, measured, scale in pairs]
+        return np.stack(parts, axis=-1).reshape(m, self.count, -1)
 
     def residuals(self, x):
-        """Return the residuals, those of vy first."""
-        change = np.zeros((1, len(self.names) + 2))
-        return self._residuals(x, change)[:, :, 0].transpose(1, 2, 0).ravel()
+        return self._changed(x, np.zeros((1, len(self.names) + 2))).ravel()
 
     def _derivatives(self, x, step=1e-4):
         """Return the residuals (windows, k), and their derivatives (windows, k, names + 2)."""
         n = len(self.names)
         # inwards, away from the upper bound
-        high = np.array([KINDS[name].high for name in self.names])
-        signs = np.append(np.where(x[:n] * self.scale[:n] > 0.9 * high, -1.0, 1.0), [1.0, 1.0])
-        changes = np.vstack([np.zeros(n + 2), np.diag(step * signs)])
-        f, *others = (
-            self._residuals(x, changes).transpose(2, 3, 0, 1).reshape(n + 3, self.count, -1)
-        )
+        signs = np.append(np.where(x[:n] > 0.9 * self.bounds[1][:n], -1.0, 1.0), [1.0, 1.0])
+        f, *others = self._changed(x, np.vstack([np.zeros(n + 2), np.diag(step * signs)]))
         return f, np.stack([other - f for other in others], axis=-1) / (step * signs)
 
     def jacobian(self, x):
-        """Return the derivatives of `residuals`, dense."""
-        n, count = len(self.names), self.count
-        _, D = self._derivatives(x)
-        k = D.shape[1] // 2
-        D = D.reshape(count, k, 2, n + 2).transpose(2, 0, 1, 3)  # vy or r, window, row, parameter
-        # the start of a window moves that window alone
-        starts = np.einsum('swkp,wv->swkpv', D[..., n:], np.eye(count)).reshape(2, count, k, -1)
-        return np.concatenate([D[..., :n], starts], axis=-1).reshape(-1, n + 2 * count)
+        D, n, each = self._derivatives(x)[1], len(self.names), np.arange(self.count)
+        result = np.zeros((*D.shape[:2], len(x)))
+        result[..., :n] = D[..., :n]
+        for k in (0, 1):  # the start of a window moves that window alone
+            result[each, :, n + k * self.count + each] = D[..., n + k]
+        return result.reshape(-1, len(x))
 
     def intervals(self, x):
         """Return half widths (names,) in units of the scale, and the correlations.

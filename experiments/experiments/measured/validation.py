@@ -99,22 +99,23 @@ def predict(model: Car, windows: Windows) -> Windows:
     Its speed and its force are the measured ones at every step of the model.
     """
     rows, columns = windows.vx.shape
-    dt = MODEL_STEP_S
+    dt, t = MODEL_STEP_S, np.arange(rows) * STEP_S
+    at = np.arange(0, t[-1] + dt / 2, dt)
     step = single_track.step(dt, single_track.structure(model)).map(columns)
     cars = np.tile(np.array(model, float)[:, None], columns)
-    t, at = np.arange(rows) * STEP_S, np.arange(0, (rows - 1) * STEP_S + dt / 2, dt)
     vx, ax, steer = (_sampled(at, t, x) for x in (windows.vx, windows.ax, windows.steer))
+    force = model.m * ax + model.drag * vx**2 + model.rolling
+    steer_rate = np.diff(steer, axis=0, append=steer[-1:]) / dt
+    mean_vx = (vx + np.vstack([vx[1:], vx[-1:]])) / 2
     vy, r, zero = windows.vy[0], windows.r[0], np.zeros(columns)
     out = np.empty((3, len(at), columns))
     for k in range(len(at)):
-        following = min(k + 1, len(at) - 1)
-        force = model.m * ax[k] + model.drag * vx[k] ** 2 + model.rolling
-        u = Input((steer[following] - steer[k]) / dt, zero, np.full(columns, 0.6), zero)
-        x = State(zero, zero, zero, vx[k], vy, r, zero, steer[k], force)
-        following_x = State(*step(np.array(x), np.array(u), cars).full())
-        ay = (following_x.vy - vy) / dt + (vx[k] + vx[following]) / 2 * (r + following_x.r) / 2
+        x = State(zero, zero, zero, vx[k], vy, r, zero, steer[k], force[k])
+        u = Input(steer_rate[k], zero, np.full(columns, 0.6), zero)
+        following = State(*step(np.array(x), np.array(u), cars).full())
+        ay = (following.vy - vy) / dt + mean_vx[k] * (r + following.r) / 2
         out[:, k] = vy, r, ay
-        vy, r = following_x.vy, following_x.r
+        vy, r = following.vy, following.r
     vy, r, ay = (_sampled(t, at, values) for values in out)
     return windows._replace(vy=vy, r=r, ay=ay)
 
@@ -124,19 +125,17 @@ def _sampled(t, known, values):
 
 
 def _positions(windows):
-    """Return x, y (rows, columns) in the frame of the first row."""
+    """Return x, y (2, rows, columns) in the frame of the first row."""
     integral = partial(cumulative_trapezoid, dx=STEP_S, axis=0, initial=0.0)
     psi, vx, vy = integral(windows.r), windows.vx, windows.vy
     cos, sin = np.cos(psi), np.sin(psi)
-    return integral(vx * cos - vy * sin), integral(vx * sin + vy * cos)
+    return np.array([integral(vx * cos - vy * sin), integral(vx * sin + vy * cos)])
 
 
 def _horizon_errors(windows, motions):
-    x, y = _positions(windows)
     result = []
     for model, motion in motions.items():
-        x_model, y_model = _positions(motion)
-        away = np.hypot(x_model - x, y_model - y)
+        away = np.hypot(*_positions(motion) - _positions(windows))
         errors = motion.vy - windows.vy, motion.r - windows.r, away
         for ahead in HORIZONS_S:
             k = round(ahead / STEP_S)
@@ -151,21 +150,19 @@ def _horizon_errors(windows, motions):
 
 def _stretch(log):
     """Return the rows of the manoeuvre with the greatest lateral acceleration."""
-    usable = single_track_fit.usable(log)
+    usable, hardness = single_track_fit.usable(log), np.abs(log.ay)
     margin, around = round(LONGEST_DELAY_S / STEP_S), 2 * round(AROUND_S / STEP_S) + 1
-    active = maximum_filter1d(np.abs(log.ay) * usable > ACTIVE_MPS2, around)
+    active = maximum_filter1d(hardness * usable > ACTIVE_MPS2, around)
     parts = [
         (max(a, margin), b)
         for a, b in single_track_fit.stretches(active & usable)
         if b - a > 2 * margin
     ]
-    a, b = max(parts or [(margin, len(log.t))], key=lambda part: np.abs(log.ay[slice(*part)]).max())
-    longest = round(LONGEST_S / STEP_S)
-    if b - a > longest:  # around the peak
-        peak = a + int(np.argmax(np.abs(log.ay[a:b])))
-        a = int(np.clip(peak - longest // 2, a, b - longest))
-        b = a + longest
-    return a, b
+    a, b = max(parts or [(margin, len(log.t))], key=lambda part: hardness[slice(*part)].max())
+    longest = min(round(LONGEST_S / STEP_S), b - a)  # around the peak
+    peak = a + int(np.argmax(hardness[a:b]))
+    a = int(np.clip(peak - longest // 2, a, b - longest))
+    return a, a + longest
 
 
 def _numbers(measured, motion):

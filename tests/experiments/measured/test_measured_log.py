@@ -34,28 +34,30 @@ def test_each_format_gives_the_motion_of_the_plant(tmp_path):
         assert log.notes == ()
 
 
-def test_a_sensor_beside_the_cog_measures_the_same_car(tmp_path):
+def test_a_sensor_beside_the_cog_with_a_late_yaw_rate_measures_the_same_car(tmp_path):
     columns = dict(plant_drive())
     r = -np.radians(columns['YawRate'])
     columns['speed'] = columns['speed'] - 3.6 * 0.8 * r
     columns['lateral'] = columns['lateral'] - 3.6 * 0.7 * r
-    text = 'sensor: {{ahead_m: -0.7, left_m: 0.8}}\n' + MAP
+    columns['YawRate'] = np.interp(columns['time'] - 0.05, columns['time'], columns['YawRate'])
+    late = MAP.replace('column: YawRate,', 'column: YawRate, late_s: 0.05,')
+    text = 'sensor: {{ahead_m: -0.7, left_m: 0.8}}\n' + late
     moved, plain = load(tmp_path, columns, text=text), load(tmp_path, plant_drive())
-    assert moved.vx == pytest.approx(plain.vx, abs=1e-3)
-    assert moved.vy == pytest.approx(plain.vy, abs=1e-3)
+    rows = slice(0, -round(0.5 / STEP_S))  # at its end the log lacks what is late
+    for name in ('vx', 'vy', 'r'):
+        same = pytest.approx(getattr(plain, name)[rows], abs=1e-3)
+        assert getattr(moved, name)[rows] == same
 
 
 @pytest.mark.parametrize(
     ('name', 'factor', 'error'),
     [
         ('YawRate', -1, 'yaw_rate over vx steer / L is -'),
-        ('SteerAng', -1, 'yaw_rate over vx steer / L is -'),
         ('Y_Accel', -1, 'ay over vx yaw_rate is -'),
         ('lateral', -1, 'vy: with the other sign'),
         ('speed', -1, 'vx: is negative'),
         ('speed', 3.6, 'are the units of vx and yaw_rate right'),
         ('speed', 1 / 3.6, 'speed in km/h'),
-        ('YawRate', np.pi / 180, 'yaw_rate over vx steer / L is '),
         ('SteerAng', np.pi / 180, 'yaw_rate over vx steer / L is '),
         ('SteerAng', 1 / 16, 'the steering ratio left out or doubly applied'),
         ('Y_Accel', 9.81, 'as with g read as m/s'),
@@ -72,6 +74,7 @@ def test_spikes_and_gaps_are_left_out_and_told(tmp_path):
     columns['SteerAng'][[300, 700, 701, 702, 703]] = 27899.0
     columns['YawRate'][1200] = -400.0
     columns['lateral'][900] = np.nan
+    columns['lateral'][2000:2080] = columns['lateral'][2000]
     kept = np.ones(len(columns['time']), bool)
     kept[1500:1580] = False
     log = load(tmp_path, {name: values[kept] for name, values in columns.items()})
@@ -83,6 +86,7 @@ def test_spikes_and_gaps_are_left_out_and_told(tmp_path):
     assert not log.valid[round(14.95 / STEP_S) : round(15.85 / STEP_S)].any()
     assert 'steer: 5 rows of spikes' in log.notes
     assert '1 gaps, together 0.8 s' in log.notes
+    assert any(note.startswith('vy: stands still for') for note in log.notes)
 
 
 def test_rows_that_repeat_are_used_once(tmp_path):
@@ -91,7 +95,7 @@ def test_rows_that_repeat_are_used_once(tmp_path):
     lines = [line for line in MAP.splitlines() if 'column: time' not in line]
     log = load(tmp_path, columns, '.mat', text='\n'.join(['rate_hz: 100', *lines, '']))
     assert log.r == pytest.approx(load(tmp_path, plant_drive()).r, abs=0.02)
-    assert log.notes == ('every row 5 times: one of them used',)
+    assert log.notes == ('9600 rows repeat the one before: left out',)
 
 
 @pytest.mark.parametrize(
