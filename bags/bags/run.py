@@ -3,7 +3,7 @@
     import bags
 
     run = bags.load('bags/runs/double_lane_change/mpcc')
-    run.metrics['min_v2o_m']                       # 0.53
+    run.metrics['min_v2o_m']                       # 0.50
     run.frame('/vehicle/odometry')['vx_mps'].plot()
     run.signals[['station_m', 'sideslip_rad', 'v2o_m.1']]
     run.figure().savefig('mpcc.png')

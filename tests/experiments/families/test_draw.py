@@ -44,7 +44,7 @@ def test_nobody_corners_or_brakes_beyond_the_friction_of_the_road(family):
     def example(seed, difficulty):
         scn = draw(family, seed, 0, difficulty).scenario()
         # 2 % for the difference between two ways of differencing
-        t, most = np.arange(0.0, 15.0, 0.05), 1.02 * scn.friction * feasibility.GRAVITY
+        t, most = np.arange(0.0, scn.stop.time, 0.05), 1.02 * scn.friction * feasibility.GRAVITY
         for track in (actor.track for actor in scn.actors if actor.track is not None):
             vX, vY = np.gradient(motion_at(track, t)[:2], 0.05, axis=1)
             aX, aY = np.gradient([vX, vY], 0.05, axis=1)
