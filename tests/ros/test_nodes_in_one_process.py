@@ -210,7 +210,7 @@ def test_a_car_that_spins_is_a_result_within_the_contract(tmp_path):
     assert (run['lost'], run['lost_how']) == (True, 'spun')
     assert f'spun at {run["lost_at_m"]:.0f} m' in run['verdict']
     assert 'invalid_messages' not in comparison
-    assert read.columns(bag)['/vehicle/odometry'].vx_mps.min() < -20.0  # backwards
+    assert read.columns(bag)['/vehicle/odometry'].vx_mps.min() < -5.0  # backwards
     for name in ('/vehicle/odometry', '/vehicle/wheels', '/vehicle/imu', WHY):
         topic, payloads = bag.recordings[name].topic, bag.recordings[name].payloads
         for payload in payloads[::10]:
