@@ -6,22 +6,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 from experiments import simulation
+from experiments.decisive.arms import BY_HAND
 from experiments.simulation import Setup
 from mpcc_controller.parameters import ControllerParams
 from scenario_publisher import scenario
 
 SCENARIOS = Path(__file__).parent / 'scenarios'
 KPH = 1 / 3.6  # m/s
-# of benchmarks and tests whose subject is no weight: a search has found those that ship
-TOLERANCES = {
-    'tolerances.contouring_m': 0.5,
-    'tolerances.lag_m': 0.5,
-    'tolerances.heading_rad': 0.175,
-    'tolerances.velocity_mps': 3.0,
-    'tolerances.steer_rate_radps': 0.349,
-    'tolerances.force_rate_nps': 20_000.0,
-}
-PRIORITIES = {'priorities.obstacle': 1000.0, 'priorities.edge': 300.0}
 
 
 class Loop(NamedTuple):
@@ -58,8 +49,12 @@ QUICK = (
 
 
 def fixed_weights(controller: str) -> Mapping[str, float]:
-    """Return weights by dotted name; mpcc_no_ca keeps its priorities of zero."""
-    return TOLERANCES if controller == 'mpcc_no_ca' else TOLERANCES | PRIORITIES
+    """Return weights by dotted name, of benchmarks and tests whose subject is no weight.
+
+    They are not those that ship, which a search has found; mpcc_no_ca keeps its priorities of zero.
+    """
+    kept = 'priorities.' if controller == 'mpcc_no_ca' else ()
+    return {name: value for name, value in BY_HAND.items() if not name.startswith(kept)}
 
 
 def make_setup(loop: Loop) -> Setup:

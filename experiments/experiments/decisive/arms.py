@@ -16,6 +16,17 @@ from experiments.families.lane_change_task import NAME
 COMPARED = ('mpcc', 'frenet')  # the verdicts are about their difference
 FACTORIAL = 'factorial:'
 HEADING = 'tolerances.heading_rad'
+# those of both controller files when the plan was fixed: of arms that name no searched weights
+BY_HAND: Weights = {
+    'tolerances.contouring_m': 0.5,
+    'tolerances.lag_m': 0.5,
+    HEADING: 0.175,
+    'tolerances.velocity_mps': 3.0,
+    'tolerances.steer_rate_radps': 0.349,
+    'tolerances.force_rate_nps': 20_000.0,
+    'priorities.obstacle': 1000.0,
+    'priorities.edge': 300.0,
+}
 
 
 def tuned_parameters(plan: Mapping[str, Any], arm: str) -> list[str]:
@@ -34,7 +45,7 @@ def settings(plan: Mapping[str, Any], arm: str, tuned: Mapping[str, Weights]) ->
     if arm in plan['tuned']:
         return {**tuned[arm], **plan['tuned'][arm].get('settings', {})}
     described = plan['derived'][arm]
-    weights = tuned[described['weights']] if 'weights' in described else {}
+    weights = tuned[described['weights']] if 'weights' in described else BY_HAND
     return {**weights, **described.get('settings', {})}
 
 

@@ -1,4 +1,4 @@
-"""The weights of the paper's controllers are those that the study has found."""
+"""The weights of the paper's controllers are those of the study; its arms keep theirs."""
 
 from pathlib import Path
 
@@ -6,12 +6,14 @@ import pandas as pd
 import pytest
 import yaml
 
-from experiments.decisive import report
+from experiments import drive_row
+from experiments.decisive import arms, outcome, report
 from msgs_yaml import share
 from node_runtime import parameters
 
 CONFIG = share.path('mpcc_controller', 'config')
 STUDY = Path(__file__).parents[3] / 'paper/study'
+PLAN = yaml.safe_load((STUDY / 'study.yaml').read_text())
 
 
 def shipped(name):
@@ -20,9 +22,8 @@ def shipped(name):
 
 @pytest.mark.parametrize('arm', ['mpcc', 'frenet'])
 def test_a_controller_has_the_weights_of_the_typical_replicate_of_its_arm(arm):
-    plan = yaml.safe_load((STUDY / 'study.yaml').read_text())
     tables = map(pd.read_parquet, STUDY.rglob('tuned.parquet'))  # of replicates, or of all
-    typical = report.typical(plan, pd.concat(tables).drop_duplicates(), arm)
+    typical = report.typical(PLAN, pd.concat(tables).drop_duplicates(), arm)
     assert len(typical) == 7
     assert {name: shipped(arm)[name] for name in typical.index} == typical.to_dict()
 
@@ -32,3 +33,17 @@ def test_the_controllers_of_the_paper_differ_only_where_they_shall():
     assert shipped('mpcc_no_ca') == mpcc | {'priorities.obstacle': 0.0, 'priorities.edge': 0.0}
     changed = {name.partition('.')[0] for name in mpcc if baseline[name] != mpcc[name]}
     assert changed == {'formulation', 'tolerances', 'priorities'}
+
+
+@pytest.mark.parametrize('arm', ['mpcc_shipped', 'frenet_shipped'])
+def test_an_arm_with_weights_set_by_hand_drives_as_in_the_study_whatever_ships(arm):
+    kept = pd.read_parquet(STUDY / 'drives.parquet')
+    kept = kept[(kept.replicate == 1) & kept.judged & (kept.arm == arm) & (kept.start == 0)]
+    for task in (0, 1):
+        chosen = arms.settings(PLAN, arm, {})
+        row = arms.row(PLAN, arm, chosen, PLAN['seeds']['judged'] + 1, task)
+        values = outcome.measure(drive_row.prepare(row, any_car=True))
+        then = kept[kept.task == task].iloc[0]
+        assert values['avoided'] == then.avoided
+        # of another processor, whose solver rounds differently
+        assert values['peak_sideslip_deg'] == pytest.approx(then.peak_sideslip_deg, rel=0.02)
