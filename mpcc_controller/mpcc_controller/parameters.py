@@ -215,7 +215,8 @@ class FrictionEstimate(Struct):
     lateral_noise_mps: Annotated[float, Range(1e-3, 10.0, 'm/s, standard deviation')] | None
     yaw_rate_noise_radps: Annotated[float, Range(1e-4, 10.0, 'rad/s, standard deviation')] | None
     sideslip_error_rad: Annotated[float, Range(0.0, 0.2, 'rad, likely error, constant')] | None
-    actuator_delay_s: Annotated[float, Range(0.0, 0.2, 's, from a set-point to its force')] | None
+    # what the lags of car_file are wrong by, and delays that nobody tells
+    lag_error_s: Annotated[float, Range(0.0, 0.2, 's, standard deviation')] | None
 
 
 PositionBias = Annotated[float, Range(-5.0, 5.0, 'm, position in the frame of the car')]

@@ -51,7 +51,7 @@ ESTIMATE = {
     'friction_estimate__lateral_noise_mps': 0.03,
     'friction_estimate__yaw_rate_noise_radps': 0.015,
     'friction_estimate__sideslip_error_rad': 0.01,
-    'friction_estimate__actuator_delay_s': 0.05,
+    'friction_estimate__lag_error_s': 0.0,
 }
 REST = Actuators(0, 0.0, 0.0, 0.0, 0.0, (0.0,) * 4)
 

@@ -43,6 +43,7 @@ MAX_SIDESLIP = 0.35  # rad; beyond 20 deg the forces of the model are no measure
 MAX_DISTANCE = 15.0  # square of standard deviations: one wild state must not decide
 ERROR_STEP = 1e-4  # rad, of differences over the sideslip error
 VELOCITY_STEP = 1e-3  # m/s or rad/s, likewise over the velocities
+LAG_STEP_S = 0.01  # likewise over the lags
 SLOWEST_MPS = 1.0  # down to it a model that drives at every speed holds
 NOISE_MEMORY_S = 3.0  # in which the measured noise is forgotten
 LASTS = 0.5  # correlation of the errors of the model from tick to tick
@@ -88,9 +89,14 @@ class FrictionEstimator:
     What it has learnt is passed in and out, `start` at first.
     """
 
-    def __init__(self, params: FrictionEstimate, car: Car, highest: float):
-        """`car` is that of friction `highest`, the most that is believed."""
-        self._params = params
+    def __init__(
+        self, params: FrictionEstimate, car: Car, lags: tuple[float, float], highest: float
+    ):
+        """`car` is that of friction `highest`, the most that is believed.
+
+        `lags` are those of the steering and of the forces [s] behind their set-points.
+        """
+        self._params, self._lags = params, lags
         n = max(round((highest - params.lowest) / GRID_STEP), 0) + 1
         self.grid = np.linspace(min(params.lowest, highest), highest, n)
         ideal = car._replace(steer_lag=0.0, force_lag=0.0)  # the delay of the set-points is theirs
@@ -98,8 +104,8 @@ class FrictionEstimator:
         self._cars = np.array([ideal._replace(mu_f=front, mu_r=rear) for front, rear in mu])
         self._is_slow_known = bool(car.kinematic_below)
         # each hypothesis twice: the second one measures the effect of the sideslip error; then
-        # the most probable one with other velocities
-        self._predict = BufferedFunction(_bank(2 * n + 4, single_track.structure(ideal)))
+        # the most probable one with other velocities, and with set-points that act later
+        self._predict = BufferedFunction(_bank(2 * n + 6, single_track.structure(ideal)))
         likely = np.exp((self.grid - highest) / params.spread)
         prior = params.doubt / n + (1 - params.doubt) * likely / np.sum(likely)
         self._prior = np.log(prior)
@@ -175,7 +181,7 @@ class FrictionEstimator:
     ) -> FrictionMemory:
         """Return what predictions from the tick before tell beside the measured velocities."""
         best = int(np.argmax(before.log))
-        residuals, slopes, transition, difference = self._residuals(
+        residuals, slopes, transition, by_lags, difference = self._residuals(
             before, now.last.stamp_ns, best, measured, duration_s, ramps
         )
         now = self._measure_noise(before, now, difference, transition, duration_s)
@@ -184,6 +190,7 @@ class FrictionEstimator:
         left, gain = before.left, np.eye(3) - before.left
         covariance = left @ before.predicted @ left.T + gain @ noise @ gain.T
         predicted = transition @ covariance @ transition.T + np.diag(self._model_variance)
+        predicted = predicted + self._params.lag_error_s**2 * by_lags @ by_lags.T
         information = np.linalg.inv(predicted + noise)
         is_fast = min(before.last.vx, measured[0]) > LEAST_SPEED_MPS
         if is_fast and now.count >= FEWEST:
@@ -270,34 +277,47 @@ class FrictionEstimator:
         """Return measured minus predicted velocities, and what they depend on.
 
         The residuals (3, n) of all hypotheses and their slopes over the sideslip error; of the
-        hypothesis `best` the derivatives (3, 3) of the prediction by the velocities before, and
-        the difference (3,) from the prediction that begins at the measured ones.
+        hypothesis `best` the derivatives of the prediction by the velocities before (3, 3) and by
+        the lags of steering and forces (3, 2), and the difference (3,) from the prediction that
+        begins at the measured ones.
         """
         n, last = len(self.grid), before.last
         steps = int(np.ceil(duration_s / delay_compensation.MAX_STEP_S))
-        delay_ns = round(self._params.actuator_delay_s * NS_PER_S)
-        instants = np.linspace(last.stamp_ns - delay_ns, stamp_ns - delay_ns, steps + 1)
-        points = [delay_compensation.setpoints_at(ramps, round(ns)) for ns in instants.tolist()]
+        instants = np.linspace(last.stamp_ns, stamp_ns, steps + 1)
+        acting = [self._acting(ramps, ns, self._lags) for ns in instants.tolist()]
+        late = [lag + LAG_STEP_S for lag in self._lags]
+        delayed = [self._acting(ramps, ns, late)[0] for ns in instants.tolist()]
         h = duration_s / steps
-        which = np.concatenate((np.arange(n), np.arange(n), np.full(4, best)))
+        which = np.concatenate((np.arange(n), np.arange(n), np.full(6, best)))
         error = before.error[which]
         error[n : 2 * n] += ERROR_STEP
         begin = before.velocities[:, which]
         begin[:, 2 * n : 2 * n + 3] += VELOCITY_STEP * np.eye(3)
-        begin[:, -1] = last.vx, last.vy, last.r
+        begin[:, 2 * n + 3] = last.vx, last.vy, last.r
         X = np.zeros((len(which), len(State._fields)))  # columns of CasADi are rows of numpy
         X[:, VELOCITIES] = _turned(begin, error).T
         self._predict.arguments['cars'][:] = self._cars[which].ravel()
-        for (start, lambda_b), (end, _) in pairwise(points):
+        for ((start, lambda_b), (end, _)), other in zip(pairwise(acting), delayed):
             X[:, SETPOINTS] = start
+            X[-2, SETPOINTS[0]], X[-1, SETPOINTS[1]] = other
             u = Input((end.delta - start.delta) / h, (end.Fx - start.Fx) / h, lambda_b, 0.0)
             X = self._predict(X=X.ravel(), u=u, h=h)['X_next'].reshape(X.shape)
         predicted = X[:, VELOCITIES].T
         all_residuals = _turned(np.tile(measured[:, None], len(which)), error) - predicted
-        residuals, shifted, moved, raw = np.split(all_residuals, (n, 2 * n, 2 * n + 3), axis=1)
+        parts = np.split(all_residuals, (n, 2 * n, 2 * n + 3, 2 * n + 4), axis=1)
+        residuals, shifted, moved, raw, later = parts
         slopes = (shifted - residuals) / ERROR_STEP
         transition = (residuals[:, best, None] - moved) / VELOCITY_STEP
-        return residuals, slopes, transition, raw[:, 0]
+        by_lags = (residuals[:, best, None] - later) / LAG_STEP_S
+        return residuals, slopes, transition, by_lags, raw[:, 0]
+
+    @staticmethod
+    def _acting(ramps, stamp_ns: float, lags) -> tuple[Setpoints, float]:
+        """Return the set-points that act at an instant, and the brake split that came with Fx."""
+        steer, force = (
+            delay_compensation.setpoints_at(ramps, round(stamp_ns - lag * NS_PER_S)) for lag in lags
+        )
+        return Setpoints(steer[0].delta, force[0].Fx), force[1]
 
 
 def _turned(velocities: np.ndarray, error: np.ndarray) -> np.ndarray:

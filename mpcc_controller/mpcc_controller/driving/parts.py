@@ -55,7 +55,10 @@ class Parts:
         self.friction: FrictionEstimator | None = None
         if params.friction_estimate.on:
             highest = params.model.friction
-            self.friction = FrictionEstimator(params.friction_estimate, self.model.car, highest)
+            lags = vehicle.actuators.steer_lag_s or 0.0, vehicle.actuators.force_lag_s or 0.0
+            self.friction = FrictionEstimator(
+                params.friction_estimate, self.model.car, lags, highest
+            )
         self.gate = Gate(
             params.limits,
             self.model.car,

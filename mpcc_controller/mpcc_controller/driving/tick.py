@@ -317,15 +317,13 @@ def _remember(memory: Memory, command: Command, decision, effective_ns, rejectio
     due_ns = max(add_seconds(command.stamp_ns, step_s) + parts.command_ns, effective_ns)
     end, lambda_b = setpoints.setpoints_of(command, modelled)
     ramp = SetpointRamp(effective_ns, memory.ramp.end, due_ns, end, lambda_b)
-    # The next tick predicts from a later state, or from the last one that was known; the estimate
-    # of the friction compares the two, under the set-points that acted `actuator_delay_s` before,
-    # and the actuators are compared with those of a longer while.
-    acted_s = parts.params.friction_estimate.actuator_delay_s if parts.friction else 0.0
-    acted_s = max(acted_s, parts.actuators.memory_s)
+    # The next tick predicts from a later state, or from the last one that was known; the actuators
+    # are compared with set-points of a longer while, longer than those act later that tell the
+    # friction.
     known_ns = command.stamp_ns
     if memory.known is not None:
         known_ns = min(known_ns, memory.known.stamp_ns)
-    kept = still_needed(memory.ramps, add_seconds(known_ns, -acted_s))
+    kept = still_needed(memory.ramps, add_seconds(known_ns, -parts.actuators.memory_s))
     counts = dict(memory.rejections)
     for reason in rejections:
         counts[reason] = counts.get(reason, 0) + 1
