@@ -43,7 +43,6 @@ MAX_SIDESLIP = 0.35  # rad; beyond 20 deg the forces of the model are no measure
 MAX_DISTANCE = 15.0  # square of standard deviations: one wild state must not decide
 ERROR_STEP = 1e-4  # rad, of differences over the sideslip error
 VELOCITY_STEP = 1e-3  # m/s or rad/s, likewise over the velocities
-LAG_STEP_S = 0.01  # likewise over the lags
 SLOWEST_MPS = 1.0  # down to it a model that drives at every speed holds
 NOISE_MEMORY_S = 3.0  # in which the measured noise is forgotten
 LASTS = 0.5  # correlation of the errors of the model from tick to tick
@@ -190,7 +189,7 @@ class FrictionEstimator:
         left, gain = before.left, np.eye(3) - before.left
         covariance = left @ before.predicted @ left.T + gain @ noise @ gain.T
         predicted = transition @ covariance @ transition.T + np.diag(self._model_variance)
-        predicted = predicted + self._params.lag_error_s**2 * by_lags @ by_lags.T
+        predicted = predicted + by_lags @ by_lags.T
         information = np.linalg.inv(predicted + noise)
         is_fast = min(before.last.vx, measured[0]) > LEAST_SPEED_MPS
         if is_fast and now.count >= FEWEST:
@@ -277,15 +276,15 @@ class FrictionEstimator:
         """Return measured minus predicted velocities, and what they depend on.
 
         The residuals (3, n) of all hypotheses and their slopes over the sideslip error; of the
-        hypothesis `best` the derivatives of the prediction by the velocities before (3, 3) and by
-        the lags of steering and forces (3, 2), and the difference (3,) from the prediction that
-        begins at the measured ones.
+        hypothesis `best` the derivatives of the prediction by the velocities before (3, 3), by how
+        much the likely errors of the lags of steering and forces move it (3, 2), and the difference
+        (3,) from the prediction that begins at the measured velocities.
         """
         n, last = len(self.grid), before.last
         steps = int(np.ceil(duration_s / delay_compensation.MAX_STEP_S))
         instants = np.linspace(last.stamp_ns, stamp_ns, steps + 1)
         acting = [self._acting(ramps, ns, self._lags) for ns in instants.tolist()]
-        late = [lag + LAG_STEP_S for lag in self._lags]
+        late = [lag + self._params.lag_error_s for lag in self._lags]
         delayed = [self._acting(ramps, ns, late)[0] for ns in instants.tolist()]
         h = duration_s / steps
         which = np.concatenate((np.arange(n), np.arange(n), np.full(6, best)))
@@ -308,8 +307,7 @@ class FrictionEstimator:
         residuals, shifted, moved, raw, later = parts
         slopes = (shifted - residuals) / ERROR_STEP
         transition = (residuals[:, best, None] - moved) / VELOCITY_STEP
-        by_lags = (residuals[:, best, None] - later) / LAG_STEP_S
-        return residuals, slopes, transition, by_lags, raw[:, 0]
+        return residuals, slopes, transition, residuals[:, best, None] - later, raw[:, 0]
 
     @staticmethod
     def _acting(ramps, stamp_ns: float, lags) -> tuple[Setpoints, float]:

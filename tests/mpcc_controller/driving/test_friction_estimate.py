@@ -18,6 +18,7 @@ from msgs_yaml.types import Command, VehicleState
 
 TICK_NS = 50_000_000
 STRAIGHT = Setpoints(0.0, 0.0)
+NO_LAGS = (0.0, 0.0)  # s, of steering and forces
 NOISE = np.array([0.1, 0.08, 0.01])  # m/s, m/s, rad/s
 
 
@@ -25,7 +26,7 @@ NOISE = np.array([0.1, 0.08, 0.01])  # m/s, m/s, rad/s
 def rules(world):
     """Return the parameters of an estimate for a car that follows its set-points without lag."""
     values = {name.partition('__')[2]: value for name, value in world.ESTIMATE.items()}
-    return FrictionEstimate(**values | {'actuator_delay_s': 0.0})
+    return FrictionEstimate(**values)
 
 
 @pytest.fixture(scope='module')
@@ -37,7 +38,7 @@ def nominal(world):
 @pytest.fixture(scope='module')
 def estimator_(nominal, rules):
     """Return a function that returns an estimate at its start; it is built once."""
-    shared = FrictionEstimator(rules, nominal, 1.0)
+    shared = FrictionEstimator(rules, nominal, NO_LAGS, 1.0)
     return lambda: Estimate(shared)
 
 
@@ -126,6 +127,25 @@ def test_a_gap_between_states_is_no_measurement(drive, estimator_):
     for x, ramps in drive(0.5, swerve(60))[::4]:
         assert estimator.update(x, ramps).excitation == 0.0
     assert estimator.belief.friction == pytest.approx(estimator_().belief.friction)
+
+
+def test_a_delay_that_is_known_or_doubted_is_not_taken_for_ice(drive, nominal, rules):
+    late_s, states = 0.06, drive(1.0, [STRAIGHT] * 20 + swerve(amplitude=0.15))
+    late = [(x, [_sent_earlier(ramp, late_s) for ramp in ramps]) for x, ramps in states]
+
+    def least(lag_s, error_s):
+        doubted = replace(rules, lag_error_s=error_s)
+        estimator = FrictionEstimator(doubted, nominal, (lag_s, lag_s), 1.0)
+        return Estimate(estimator).frictions(late).min()
+
+    assert least(0.0, 0.0) < 0.75
+    assert least(late_s, 0.0) > 0.85
+    assert least(0.0, late_s) > 0.85
+
+
+def _sent_earlier(ramp, duration_s):
+    shift_ns = round(duration_s * 1e9)
+    return ramp._replace(begin_ns=ramp.begin_ns - shift_ns, end_ns=ramp.end_ns - shift_ns)
 
 
 @pytest.mark.parametrize('factor', [1.0, 2.0])
