@@ -22,6 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--force', action='store_true', help='compare runs of different scenarios or plants anyway'
     )
+    text = 'figures for a paper, too: the sheet as SVG, and each panel singly as PNG and SVG'
+    parser.add_argument('--figures', action='store_true', help=text)
     parser.add_argument(
         '--overlay',
         type=Path,
@@ -53,5 +55,6 @@ def run(args: argparse.Namespace) -> int:
     if len(bags) < len(args.bags):
         print(f'left out, since they are no bags: {", ".join(map(str, others))}', file=sys.stderr)
     out = args.out or Path(os.path.abspath(bags[0])).parent
-    show_comparison(compare_bags(bags, out, args.force, args.overlay), Console())
+    compared = compare_bags(bags, out, args.force, args.overlay, singly=args.figures)
+    show_comparison(compared, Console())
     return 0

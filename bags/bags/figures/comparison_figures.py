@@ -166,12 +166,27 @@ FREE_SHARE = 0.96  # of the width of a figure, for title and legend
 
 
 def write_figures(
-    runs: Sequence[EvaluatedDrive], title: str, folder: Path, overlays: Sequence[Overlay] = ()
-) -> None:
-    """Write the figures of ALL into `folder` as PNG and SVG: the sheet, and panels."""
+    runs: Sequence[EvaluatedDrive],
+    title: str,
+    folder: Path,
+    overlays: Sequence[Overlay] = (),
+    singly: bool = False,
+) -> list[Path]:
+    """Write the sheet into `folder` as PNG; return the paths.
+
+    With `singly` all of ALL as PNG and SVG. Without it those that an earlier comparison wrote there
+    are removed: they would show other runs than the sheet.
+    """
+    written = []
     with mpl.rc_context(style.RC):
-        for name in ALL:
-            style.save_figure(draw_figure(name, runs, title, overlays), folder / name)
+        for name in ALL if singly else (SHEET,):
+            suffixes = style.SUFFIXES if singly else style.SUFFIXES[:1]
+            figure = draw_figure(name, runs, title, overlays)
+            written += style.save_figure(figure, folder / name, suffixes)
+    for path in (path for name in ALL for path in style.figure_paths(folder / name)):
+        if path not in written:
+            path.unlink(missing_ok=True)
+    return written
 
 
 def draw_figure(

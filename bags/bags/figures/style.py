@@ -24,6 +24,7 @@ WIDTHS = (3.2, 1.6)  # points, of the first run and of the last one
 WIDTH = 1.7  # points, of a single run
 MANY = 8  # more runs have no colour of their own: each has that of its controller
 MANY_WIDTH = 0.8  # points, of one of them
+SUFFIXES = '.png', '.svg'
 TIME_LABEL = 'time label'  # gid of texts of which one that covers another is hidden
 
 INK = '#262626'
@@ -165,13 +166,13 @@ def letter_panels(figure) -> None:
         ax.set_title(f'({name}) {ax.get_title(loc="left")}')
 
 
-def figure_paths(stem: Path) -> list[Path]:
+def figure_paths(stem: Path, suffixes: Sequence[str] = SUFFIXES) -> list[Path]:
     """Return <stem>.png and <stem>.svg, also where the stem has a dot."""
-    return [stem.with_name(f'{stem.name}{suffix}') for suffix in ('.png', '.svg')]
+    return [stem.with_name(f'{stem.name}{suffix}') for suffix in suffixes]
 
 
-def save_figure(figure, stem: Path) -> list[Path]:
-    """Write a figure with a layout engine as <stem>.png and .svg; return both paths."""
+def save_figure(figure, stem: Path, suffixes: Sequence[str] = SUFFIXES) -> list[Path]:
+    """Write a figure with a layout engine as <stem>.png and .svg; return the paths."""
     # nodes use the colours: they need not load matplotlib
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -182,7 +183,7 @@ def save_figure(figure, stem: Path) -> list[Path]:
     figure.get_layout_engine().execute(figure)
     figure.set_layout_engine(None)
     hide_overlapping(figure)
-    paths = figure_paths(stem)
-    figure.savefig(paths[0])
-    figure.savefig(paths[1], metadata={'Date': None})
+    paths = figure_paths(stem, suffixes)
+    for path in paths:
+        figure.savefig(path, metadata={'Date': None} if path.suffix == '.svg' else None)
     return paths

@@ -40,20 +40,22 @@ def compare_bags(
     out: Path,
     force: bool = False,
     overlay_files: Sequence[Path] = (),
+    singly: bool = False,
 ) -> Comparison:
     """Compare the bags at `paths` and write the results into the folder `out`.
 
     They are comparison.json, comparison.csv, figures/ and report.html. The curves of the CSV
-    files `overlay_files` (`figures.overlay`) are drawn beside those of the runs. Runs of one
-    controller are called after their folders. Raises BagError for bags that cannot be evaluated,
-    for one that is given twice, and for runs of different scenarios or plants (`force` compares
-    them anyway, on the road of the first).
+    files `overlay_files` (`figures.overlay`) are drawn beside those of the runs; `singly`: each
+    panel is a figure, too. Runs of one controller are called after their folders. Raises BagError
+    for bags that cannot be evaluated, for one that is given twice, and for runs of different
+    scenarios or plants (`force` compares them anyway, on the road of the first).
     """
     runs = load_runs(paths)
     if not force:
         check_comparable(paths, [run.run_info for run in runs.values()])
     drawn = panels.assign(runs)
-    return compare_runs(drawn, out, read_overlays(overlay_files, list(runs), drawn[0].drive.scene))
+    overlays = read_overlays(overlay_files, list(runs), drawn[0].drive.scene)
+    return compare_runs(drawn, out, overlays, singly)
 
 
 def load_runs(paths: Sequence[Path | str]) -> dict[str, Run]:
@@ -82,11 +84,15 @@ def name_runs(paths: Sequence[Path | str], recorded: Sequence[str]) -> list[str]
 
 
 def compare_runs(
-    runs: Sequence[EvaluatedDrive], out: Path, overlays: Sequence[Overlay] = ()
+    runs: Sequence[EvaluatedDrive],
+    out: Path,
+    overlays: Sequence[Overlay] = (),
+    singly: bool = False,
 ) -> Comparison:
     """Write the results of runs that have names and looks (`panels.assign`) into the folder `out`.
 
-    Of a run without tables and `run_info` the report shows neither horizon nor provenance.
+    They are those of `compare_bags`. Of a run without tables and `run_info` the report shows
+    neither horizon nor provenance.
     """
     scenario = runs[0].drive.facts.scenario
     by_run = {run.name: metrics.metrics_of(run) for run in runs}
@@ -107,10 +113,9 @@ def compare_runs(
         replaced = ()  # there is none to be read
     file.write_text(json.dumps(values, indent=2, allow_nan=False) + '\n')
     table_file.write_text(metrics_table.metrics_csv(by_run))
-    comparison_figures.write_figures(runs, scenario, folder, overlays)
+    drawn = comparison_figures.write_figures(runs, scenario, folder, overlays, singly)
     report = out / page.REPORT_FILE
     report.write_text(page.report_html(values, runs, overlays), encoding='utf-8')
-    drawn = [p for name in comparison_figures.ALL for p in style.figure_paths(folder / name)]
     return Comparison(values, file, table_file, drawn, report, replaced)
 
 
@@ -132,6 +137,6 @@ def show_comparison(comparison: Comparison, console: Console, brief: bool = Fals
         listed = ', '.join(names) if len(names) <= style.MANY else f'{len(names)} runs'
         what = f'replaces the comparison that was there, of {listed}'
         print_text(console, f'{what}; --out DIR keeps both')
-    figure = next(path for path in comparison.figures if path.suffix == '.png')
-    places = {'numbers': comparison.file, 'as CSV': comparison.sheet, 'figures': figure}
+    places = {'numbers': comparison.file, 'as CSV': comparison.sheet}
+    places['figures'] = comparison.figures[0]
     print_paths(console, {**({} if brief else places), 'report': comparison.report})

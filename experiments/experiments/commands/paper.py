@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
         load(bag).drive, options.out / CIRCLE.parent.name
     )
     driven = _drive(PICTURE, options.out, console)
-    comparison = compare_bags(driven, options.out / 'double_lane_change')
+    comparison = compare_bags(driven, options.out / 'double_lane_change', singly=True)
     show_comparison(comparison, console)
     print_paths(console, {'distances': distances.figures[0]})
     return 0

@@ -49,7 +49,7 @@ def again(drives, comparison, tmp_path_factory):
     folder = tmp_path_factory.mktemp('cut')
     (folder / 'comparison.json').write_text(comparison.file.read_text())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(comparison_figures, 'write_figures', lambda *given: None)
+        patch.setattr(comparison_figures, 'write_figures', lambda *given: [given[2]])
         cut = evaluate_runs(drives)
         cut[0].damage = DAMAGE['mpcc']
         return comparison_module.compare_runs(cut, folder)
@@ -182,18 +182,25 @@ def test_the_manoeuvre_of_the_paper_has_its_solve_times_whatever_it_is_called(
 
 
 def test_figures_are_drawn_and_the_same_runs_give_the_same(drives, comparison, tmp_path):
-    assert {path.stem for path in comparison.figures} == set(comparison_figures.ALL)
-    assert len(comparison.figures) == 2 * len(comparison_figures.ALL)
-    for item in comparison.figures:
-        data = item.read_bytes()
-        assert data.startswith(b'\x89PNG' if item.suffix == '.png' else b'<?xml')
+    singly, other = tmp_path / 'singly', tmp_path / 'other'
+    singly.mkdir()
+    other.mkdir()
+    write, runs = comparison_figures.write_figures, evaluate_runs(drives)
+    figures = write(runs, 'straight', singly, singly=True)
+    assert {path.stem for path in figures} == set(comparison_figures.ALL)
+    assert len(figures) == 2 * len(comparison_figures.ALL)
+    drawn = {path.name: path.read_bytes() for path in figures}
+    for name, data in drawn.items():
+        assert data.startswith(b'\x89PNG' if name.endswith('.png') else b'<?xml')
         assert len(data) > 10_000
+    # a later sheet alone leaves no panel of other runs beside it
+    assert write(runs, 'straight', singly) == [singly / 'comparison.png'] == [*singly.iterdir()]
+    (sheet,) = comparison.figures
+    assert sheet.read_bytes() == drawn[sheet.name]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(comparison_figures, 'ALL', ('trajectories', 'v2o'))
-        comparison_figures.write_figures(evaluate_runs(drives), 'straight', tmp_path)
-    for file in tmp_path.iterdir():
-        (before,) = (item for item in comparison.figures if item.name == file.name)
-        assert file.read_bytes() == before.read_bytes(), file.name
+        again = write(runs, 'straight', other, singly=True)
+    assert [path.read_bytes() for path in again] == [drawn[path.name] for path in again]
 
 
 # which runs are comparable, and what they are called
