@@ -8,8 +8,10 @@ import pytest
 from drives import ahead, circle, load
 from installation import ROOT
 
+from msgs_yaml import share
 from msgs_yaml.types import WHEELS
 from node_runtime import named_vector
+from node_runtime import parameters as yaml_parameters
 from vehicle_plant import circular_driving, identify, integrator, parameters, suspension, tyre
 from vehicle_plant.initial_state import Start, rolling_state
 from vehicle_plant.simulator import Simulator
@@ -139,7 +141,11 @@ def test_gti_is_the_published_one():
 
 
 def test_v40_has_the_axles_that_were_measured():
+    used = yaml_parameters.read_file(
+        share.path('mpcc_controller', 'config', 'car_volvo_v40.yaml')
+    ).values
     points = circular_driving.axle_points(circle('volvo_v40.yaml'), load('volvo_v40.yaml'))
-    for axle, measured in zip(points, ((68.6e3, 0.860), (99.8e3, 0.900))):
+    for axle, name in zip(points, ('front', 'rear')):
         fit = identify.fit_fiala(axle)
+        measured = used[f'tyre.{name}_cornering_npr'], used[f'tyre.{name}_friction']
         assert (fit.cornering, fit.friction) == pytest.approx(measured, rel=0.01)
