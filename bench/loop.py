@@ -1,10 +1,10 @@
 """How fast are a drive in process, its ticks and the node graph? Figures of docs/performance.md.
 
-    .venv/bin/python bench/loop.py [--scaling] [--ring]
+    .venv/bin/python bench/loop.py [--scaling] [--ring] [--cars PLANT CAR CAR ...]
 
 Nothing else should run. Without options it times drives of `SCENARIO` in process; --scaling adds
 how a tick grows with the length of the path and the number of obstacles, --ring a recorded drive of
-the node graph in lockstep. Writes a page.
+the node graph in lockstep. Writes a page. --cars compares car files on a plant instead.
 """
 
 import argparse
@@ -226,12 +226,44 @@ def measure_ring() -> str:
     return markdown('The node graph in lockstep, recorded', ('', 'mpcc'), rows)
 
 
+def measure_cars(plant: str, cars: list[str]) -> str:
+    """Return the table of ticks by car file on a plant, driven alternately."""
+    rows, columns = [], ('total_ms', 'solve_cpu_ms', 'iteration_cpu_ms', 'iterations')
+    for name in (CONTROLLERS[0], 'mpcc_road'):
+        setups = {}
+        for car in cars:
+            settings = {'plant': {'plant_params': plant}, 'controller': {'car_file': car}}
+            setups[car] = simulation.prepare(SCENARIO, name, settings)
+        ticks = {car: [] for car in cars}
+        for _ in range(REPEATS):
+            for car, setup in setups.items():
+                for step in islice(simulation.steps(setup), WARM_TICKS, None):
+                    solution = step.record.attempt.solution
+                    total, solve, count = (
+                        step.record.computing_s,
+                        solution.cpu_s,
+                        solution.iterations,
+                    )
+                    ticks[car].append((MS * total, MS * solve, MS * solve / max(count, 1), count))
+        for car, values in ticks.items():
+            found = pd.DataFrame(values, columns=columns)
+            medians = map(number, found.median())
+            rows.append((name, car, len(found), *medians, number(found.iterations.mean())))
+    heads = ('controller', 'car', 'ticks', *columns, 'iterations, mean')
+    return markdown(f'Ticks on {plant}, medians', heads, rows)
+
+
 def main() -> None:
     """Measure, print the tables, write the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--scaling', action='store_true', help='ticks by path and obstacles')
     parser.add_argument('--ring', action='store_true', help='the node graph, too')
+    text = 'plant file, and car files on it'
+    parser.add_argument('--cars', nargs='+', metavar=('PLANT', 'CAR'), help=text)
     options = parser.parse_args()
+    if options.cars:
+        print(measure_cars(options.cars[0], options.cars[1:]))
+        return
     about = ', '.join(f'{key} {value}' for key, value in machine.named().items())
     tables = [*measure_drives(), measure_parallel()]
     tables += [measure_lengths(), measure_obstacles()] if options.scaling else []

@@ -18,15 +18,11 @@ from experiments.measured import log_map, measured_log, report, single_track_fit
 from vehicle_plant import parameters
 
 HERE = Path(__file__).parent / 'real_cars'
-ALL = tuple(single_track_fit.ADDITIONS)
 PUBLISHED = {'cog_to_front_m': 0.0}  # the place of the CoG, which none of these logs tells
-VARIANTS = {
-    'prediction model': ((), PUBLISHED),
-    'CoG fitted': ((), {}),
-    'with relaxation': (('relaxation',), PUBLISHED),
-    'with load transfer': (('load',), PUBLISHED),
-    'with steering compliance': (('compliance',), PUBLISHED),
-    'with all three': (ALL, PUBLISHED),
+VARIANTS = {  # what is fixed, and whether the steering gives way
+    validation.PREDICTION: (PUBLISHED, False),
+    'CoG fitted': ({}, False),
+    'with steering compliance': (PUBLISHED, True),
 }
 PLANTS = {'volvo_v40': 'volvo_v40.yaml', 'vw_gti': 'vw_gti.yaml'}
 LIMIT_MPS2 = 6.0
@@ -56,28 +52,28 @@ def judge(car: str, folder: Path, files: dict, out: Path) -> str:
     fitted, manoeuvres, ahead = [], [], []
     plant_file = parameters.config_file(PLANTS[car]) if car in PLANTS else None
     plant = parameters.load(plant_file) if plant_file and plant_file.is_file() else None
-    for name, (additions, fixed) in VARIANTS.items():
-        fit = single_track_fit.fit(logs, known.car, additions, fixed)
+    ours = validation.PREDICTION
+    for name, (fixed, compliant) in VARIANTS.items():
+        fit = single_track_fit.fit(logs, known.car, fixed, compliant)
         for key, value in fit.values.items():
             half = f'± {fit.half_widths[key]:.2g}' if key in fit.half_widths else 'fixed'
             told = 'not told' if key in fit.vague else ''
             fitted.append((name, key, f'{value:.5g}', half, told))
         vehicle = report.fitted_car(known.car, fit)
-        first = name == validation.PREDICTION
+        first = name == ours
         stem = out / f'car_{car}{"" if first else "_" + name.replace(" ", "_")}'
         report.write_car(stem.with_suffix('.yaml'), known.car, fit, [log.name for log in logs])
         found = validation.validate(held_out, vehicle, fit, plant if first else None)
         if first:
             report.write(found, out / car, f'{car}, held out')
-        wanted = validation.FITTED if additions else validation.PREDICTION
         for m in found.manoeuvres:
-            models = m.numbers if first else {wanted: m.numbers[wanted]}
+            models = m.numbers if first else {ours: m.numbers[ours]}
             for model, n in models.items():
-                manoeuvres.append((m.log, name if model == wanted else model, *_cells(n)))
+                manoeuvres.append((m.log, name if model == ours else model, *_cells(n)))
         for e in found.errors.itertuples():
-            if e.from_mps2 >= LIMIT_MPS2 and (first or e.model == wanted):
+            if e.from_mps2 >= LIMIT_MPS2 and (first or e.model == ours):
                 numbers = f'{e.vy:.2f}', f'{np.degrees(e.r):.1f}', f'{e.position:.2f}'
-                label = name if e.model == wanted else e.model
+                label = name if e.model == ours else e.model
                 ahead.append((label, f'{e.ahead_s:g} s', str(e.starts), *numbers))
     head = ('log', 'model', 'yaw rate', 'ay', 'vy')
     head += ('r peaks', 'late [ms]', 'ay peaks', 'slip peaks [deg]')

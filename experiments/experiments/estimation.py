@@ -54,6 +54,8 @@ def known_values(sensors: SensorParams, friction: float, car: Vehicle) -> dict[s
 def vehicle(car: CarParams, plant: Car) -> Vehicle:
     """Return the car as `identify` knows it, with wheels, track, roll and pitch of the plant."""
     own, tyre = car.car, car.tyre
+    # the filter has no compliance: the stiffness is that of both springs together
+    given = (tyre.compliance_radpn or 0.0) * tyre.front_cornering_npr
     roll, pitch = steady_roll_and_pitch(plant)
     return Vehicle(
         mass_kg=own.mass_kg,
@@ -64,7 +66,7 @@ def vehicle(car: CarParams, plant: Car) -> Vehicle:
         track_m=0.5 * (plant.suspension.front.track_m + plant.suspension.rear.track_m),
         wheel_radius_m=plant.wheel.radius_m,
         drive_front_share=car.actuators.drive_front_share or 0.0,
-        front_cornering_npr=tyre.front_cornering_npr,
+        front_cornering_npr=tyre.front_cornering_npr / (1 + given),
         rear_cornering_npr=tyre.rear_cornering_npr,
         front_friction=tyre.front_friction,
         rear_friction=tyre.rear_friction,

@@ -356,6 +356,8 @@ class Tyre(Struct):
     rear_cornering_npr: Annotated[float, Range(1e3, 1e6, 'N/rad')]
     front_friction: Annotated[float, Range(0.05, 3.0, '-')]  # lateral force over load when sliding
     rear_friction: Annotated[float, Range(0.05, 3.0, '-')]  # lateral force over load when sliding
+    # by how much the front wheels give way to the lateral force of their axle; without: not at all
+    compliance_radpn: Annotated[float, Range(0.0, 1e-4, 'rad/N')] | None
 
 
 class CarActuators(Struct):

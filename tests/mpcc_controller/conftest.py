@@ -35,7 +35,7 @@ FINE_STEPS = 10  # of the car per tick
 # separate car parameters, so that a new identification of the plant changes no test here
 CAR = CarParams(
     CarBody(1850.0, 3300.0, 1.43, 1.46, 0.54, 0.4, 180.0),
-    Tyre(144e3, 198e3, 0.88, 0.92),
+    Tyre(144e3, 198e3, 0.88, 0.92, None),
     CarActuators(0.0, 0.48, 0.8, 28e3, 7e3, 200e3, 0.0516, 0.072),
     CarOutline(2.19, 2.46, 1.82),
 )

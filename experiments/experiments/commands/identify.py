@@ -41,8 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_list(parser, '--held-out', text, type=Path, metavar='LOG')
     text = 'a parameter that is not fitted, as cog_to_front_m=0 (there: away from the map) '
     add_list(parser, '--fix', text, metavar='NAME=VALUE')
-    text = 'what the prediction model lacks, to see what it would mend'
-    add_list(parser, '--add', text, choices=('relaxation', 'load', 'compliance'))
+    text = 'fitted besides: how far the front wheels give way to their lateral force'
+    add_list(parser, '--add', text, choices=('compliance',))
 
 
 def run(options: argparse.Namespace) -> int:
@@ -61,11 +61,11 @@ def run(options: argparse.Namespace) -> int:
         for note in log.notes:
             print_text(shown, f'{log.name}: {note}')
     fixed = dict(_parse(text, single_track_fit.KINDS) for text in options.fix)
-    fit = single_track_fit.fit(logs, known.car, options.add, fixed)
+    fit = single_track_fit.fit(logs, known.car, fixed, bool(options.add))
     if 'cog_to_front_m' in fit.vague:
         print_text(shown, 'the place of the CoG is not told: it stays where the map has it')
         fixed['cog_to_front_m'] = 0.0
-        fit = single_track_fit.fit(logs, known.car, options.add, fixed)
+        fit = single_track_fit.fit(logs, known.car, fixed, bool(options.add))
     report.write_car(options.out, known.car, fit, [log.name for log in logs])
     shown.print(report.parameter_table(fit))
     first, second, value = fit.correlated

@@ -25,7 +25,6 @@ COLOURS = {
     validation.LINEAR: style.OTHERS[0],
     validation.HOLD: style.QUIET,
     validation.PLANT: style.KNOWN['frenet'],
-    validation.FITTED: style.OTHERS[1],
 }
 
 
@@ -34,7 +33,7 @@ def fitted_car(car: CarParams, fit: Fit) -> CarParams:
     body, moved = car.car, fit.values['cog_to_front_m']
     front, rear = body.cog_to_front_m + moved, body.cog_to_rear_m - moved
     body = replace(body, cog_to_front_m=front, cog_to_rear_m=rear)
-    tyre = {name: fit.values[name] for name in type(car.tyre).__dataclass_fields__}
+    tyre = {name: fit.values.get(name) for name in type(car.tyre).__dataclass_fields__}
     return replace(car, car=body, tyre=replace(car.tyre, **tyre))
 
 

@@ -1,17 +1,9 @@
-"""The single track with Fiala tyres over many windows of a log at once, and its fit to them.
+"""The prediction model over many windows of a log at once, and its fit to them.
 
 Every window starts from a free lateral state and follows the measured speed, longitudinal
-acceleration and steer. Without additions it is the prediction model (mpcc_controller, single
-track), which a test holds against it. The additions are what a single track lacks:
-
-  relaxation   the slip of each axle follows its steady value over a length (PT1 over distance)
-  load         stiffness and friction of an axle fall with the square of the lateral acceleration,
-               as lateral load transfer does it, whose delay is that of the body's roll
-  compliance   the front wheels give way by an angle per lateral force
-
-The fit is least squares (scipy, `soft_l1`) on lateral speed and yaw rate. Its intervals are those
-of a wild bootstrap over blocks of half a second: residuals that follow each other depend on each
-other.
+acceleration and steer. The fit is least squares (scipy, `soft_l1`) on lateral speed and yaw rate.
+Its intervals are those of a wild bootstrap over blocks of half a second: residuals that follow each
+other depend on each other.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,19 +15,21 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 from bags.errors import BagError
+from experiments.configuration import inputs
 from experiments.measured.measured_log import STEP_S, Log
+from mpcc_controller.model import single_track
+from mpcc_controller.model.single_track import GRAVITY, Car, Input, State
 from mpcc_controller.parameters import CarParams
+from mpcc_controller.problem import stage_parameters
 
-GRAVITY = 9.81
 WINDOW_S, LEAST_SPEED_MPS = 2.0, 6.0
 LONGEST_DELAY_S = 0.3
 MOST_STEPS = 400  # of the fit
 MOST_WINDOWS, LEAST_WINDOWS = 200, 5
 SCALES = (0.1, 0.02)  # m/s and rad/s: vy and r of a residual of size 1
 EVERY = 2  # rows of a residual: signals have passed a filter of 8 Hz
-ROLL_S = 0.1  # delay of lateral load transfer
-NEWTON_STEPS = 3  # of the steering compliance
-LONGITUDINAL_SHARE = 0.95  # of the friction that a longitudinal force takes at most
+MODEL_STEP_S = 0.05
+CONTROLLER = 'mpcc'  # whose numbers of the model are taken
 BLOCK_S, CONFIDENCE = 0.5, 0.95
 # half width over the value, or over the range of what may be 0: the log tells less
 VAGUE = 0.2
@@ -61,13 +55,10 @@ KINDS = {
     'steer_offset_rad': Kind(-0.05, 0.05, 0.01, 0.0, 'rad', 'added to the measured steer'),
     'steer_delay_s': Kind(0.0, 0.25, 0.05, 0.03, 's', 'of the wheels behind the steer'),
     'sideslip_offset_rad': Kind(-0.05, 0.05, 0.01, 0.0, 'rad', 'of the measured sideslip'),
-    'relaxation_m': Kind(0.0, 3.0, 0.3, 0.3, 'm', 'relaxation length of both axles'),
-    'load_front': Kind(0.0, 0.6, 0.1, 0.1, '-', 'loss of the front axle at 1 g'),
-    'load_rear': Kind(0.0, 0.6, 0.1, 0.1, '-', 'loss of the rear axle at 1 g'),
     'compliance_radpn': Kind(0.0, 3e-5, 2e-6, 5e-7, 'rad/N', 'steering compliance'),
 }
-BASIC = tuple(KINDS)[:8]
-ADDITIONS = ('relaxation', 'load', 'compliance')  # with these words their parameters begin
+# fitted only where it is asked for: seldom a log tells it from the stiffness of the front axle
+COMPLIANCE = 'compliance_radpn'
 # of `Windows`, what a model says: its label, and how many of the label's units are one in SI
 SIGNALS = {
     'r': ('yaw rate [deg/s]', 180 / np.pi),
@@ -123,7 +114,6 @@ class Fit(NamedTuple):
     half_widths: dict[str, float]
     vague: tuple[str, ...]  # parameters that the log does not tell
     correlated: tuple[str, str, float]  # the two that are hardest to tell apart
-    additions: tuple[str, ...]
 
 
 def cut(logs: Sequence[Log], seconds: float = WINDOW_S, every: float | None = None) -> Windows:
@@ -164,95 +154,66 @@ def window(log: Log, begin: int, end: int) -> Windows:
     return Windows(*(column[:, None] for column in columns))
 
 
-def axle_force(z: Any, stiffness: Any, capacity: Any) -> Any:
-    """Return the lateral force of a Fiala axle [N] at the tangent of its slip angle."""
-    q = np.minimum(np.abs(z) * stiffness / (3 * capacity), 1.0)
-    return -np.sign(z) * capacity * (3 * q - 3 * q**2 + q**3)
-
-
-def _given_way(slip, stiffness, capacity, compliance):
-    """Return the angle by which the front wheels give way to the force of their slip angle."""
-    if not compliance.any():
-        return 0.0
-    stiff, size = compliance * stiffness, np.abs(slip)
-    given = np.minimum(size, compliance * capacity)  # from above Newton's method converges
-    for _ in range(NEWTON_STEPS):
-        q = np.minimum(np.tan(size - given) * stiffness / (3 * capacity), 1.0)
-        wrong = given - compliance * capacity * (3 * q - 3 * q**2 + q**3)
-        given = given - wrong / (1 + stiff * (1 - q) ** 2)
-    return np.copysign(given, slip)
-
-
 def simulate(car: CarParams, values: Mapping[str, Any], windows: Windows) -> Windows:
-    """Return the motion of the single track in corrected windows, from their first row on.
+    """Return what `predict` makes of corrected windows with the parameters of a fit.
 
-    `values` are numbers, or arrays with a value for each window; what is missing is 0.
+    `values` are numbers, or arrays with a value for each window.
     """
-    p = {name: np.asarray(values.get(name, 0.0)) for name in KINDS}
-    body, drive_front = car.car, car.actuators.drive_front_share
-    m, L = body.mass_kg, body.cog_to_front_m + body.cog_to_rear_m
-    lf = body.cog_to_front_m + p['cog_to_front_m']
-    lr = L - lf
+    model = stage_parameters.car(inputs.controller_params(CONTROLLER), car)
+    moved = values['cog_to_front_m']
+    model = model._replace(
+        l_f=model.l_f + moved,
+        l_r=model.l_r - moved,
+        C_f=values['front_cornering_npr'],
+        C_r=values['rear_cornering_npr'],
+        mu_f=values['front_friction'],
+        mu_r=values['rear_friction'],
+        compliance=values.get(COMPLIANCE, 0.0),
+    )
+    return predict(model, windows)
 
-    def rates(vy, r, lagged, vx, ax, delta, roll_ay, fraction):
-        """Return dvy/dt, dr/dt, ay and the steady slips of both axles.
 
-        The slips that act have come from `lagged` nearer to these by a `fraction` of the way.
-        """
-        Fx = m * ax + body.drag_n_per_mps2 * vx**2 + body.rolling_n
-        Fzf = (m * GRAVITY * lr - body.cog_height_m * Fx) / L
-        Fzr = (m * GRAVITY * lf + body.cog_height_m * Fx) / L
-        front = np.where(Fx > 0, drive_front, Fzf / (Fzf + Fzr))
-        loss = (roll_ay / GRAVITY) ** 2
-        axles = []
-        for name, Fz, share in (('front', Fzf, front), ('rear', Fzr, 1 - front)):
-            left = 1 - p[f'load_{name}'] * loss
-            grip = p[f'{name}_friction'] * Fz * left
-            along = np.clip(share * Fx, -LONGITUDINAL_SHARE * grip, LONGITUDINAL_SHARE * grip)
-            axles.append((p[f'{name}_cornering_npr'] * left, np.sqrt(grip**2 - along**2), along))
-        (Cf, Gf, Xf), (Cr, Gr, _) = axles
-        slip = np.arctan((vy + lf * r) / vx) - delta
-        given = _given_way(slip, Cf, Gf, p['compliance_radpn'])
-        steady, turned = (np.tan(slip - given), (vy - lr * r) / vx), delta + given
-        zf, zr = (old + (new - old) * fraction for old, new in zip(lagged, steady))
-        Ff, Fr = axle_force(zf, Cf, Gf), axle_force(zr, Cr, Gr)
-        Yf = Ff * np.cos(turned) + Xf * np.sin(turned)
-        ay = (Yf + Fr) / m
-        return ay - vx * r, (lf * Yf - lr * Fr) / body.yaw_inertia_kgm2, ay, steady
+def predict(model: Car, windows: Windows) -> Windows:
+    """Return the motion of the prediction model in corrected windows, from their first row on.
 
+    Its speed and its force are the measured ones at every step of the model. The parameters of the
+    model are numbers, or arrays with a value for each window.
+    """
     rows, columns = windows.vx.shape
-    inputs = windows.vx, windows.ax, windows.steer
-    vy, r, ay = windows.vy[0], windows.r[0], windows.ay[0]
-    # so that the axles have the slip of their steady state at the start
-    lagged = rates(vy, r, (0.0, 0.0), *(a[0] for a in inputs), ay, 1.0)[3]
-    roll_ay, out = ay, np.empty((3, rows, columns))
-    relaxation = np.maximum(p['relaxation_m'], 1e-6)
-    at_once = np.where(relaxation > 1e-6, 0.0, 1.0)
-    rolled = 1 - np.exp(-STEP_S / ROLL_S)
-    for k in range(rows - 1):
-        middle = [(a[k] + a[k + 1]) / 2 for a in inputs]
-        half = 1 - np.exp(-middle[0] * STEP_S / 2 / relaxation)
-        whole = 1 - np.exp(-middle[0] * STEP_S / relaxation)
-        d_vy, d_r, ay, _ = rates(vy, r, lagged, *(a[k] for a in inputs), roll_ay, at_once)
+    dt, t = MODEL_STEP_S, np.arange(rows) * STEP_S
+    at = np.arange(0, t[-1] + dt / 2, dt)
+    step = single_track.step(dt, single_track.structure(model)).map(columns)
+    cars = np.array([np.broadcast_to(value, columns) for value in model], float)
+    vx, ax, steer = (_sampled(at, t, x) for x in (windows.vx, windows.ax, windows.steer))
+    force = model.m * ax + model.drag * vx**2 + model.rolling
+    steer_rate = np.diff(steer, axis=0, append=steer[-1:]) / dt
+    mean_vx = (vx + np.vstack([vx[1:], vx[-1:]])) / 2
+    vy, r, zero = windows.vy[0], windows.r[0], np.zeros(columns)
+    out = np.empty((3, len(at), columns))
+    for k in range(len(at)):
+        x = State(zero, zero, zero, vx[k], vy, r, zero, steer[k], force[k])
+        u = Input(steer_rate[k], zero, single_track.ideal_split(force[k], model), zero)
+        following = State(*step(np.array(x), np.array(u), cars).full())
+        ay = (following.vy - vy) / dt + mean_vx[k] * (r + following.r) / 2
         out[:, k] = vy, r, ay
-        vy_m, r_m = vy + STEP_S / 2 * d_vy, r + STEP_S / 2 * d_r
-        d_vy, d_r, ay, steady = rates(vy_m, r_m, lagged, *middle, roll_ay, half)
-        lagged = tuple(old + (new - old) * whole for old, new in zip(lagged, steady))
-        vy, r = vy + STEP_S * d_vy, r + STEP_S * d_r
-        roll_ay = roll_ay + (ay - roll_ay) * rolled
-    out[:, -1] = vy, r, ay
-    return windows._replace(vy=out[0], r=out[1], ay=out[2])
+        vy, r = following.vy, following.r
+    vy, r, ay = (_sampled(t, at, values) for values in out)
+    return windows._replace(vy=vy, r=r, ay=ay)
+
+
+def _sampled(t, known, values):
+    return np.column_stack([np.interp(t, known, column) for column in values.T])
 
 
 def fit(
     logs: Sequence[Log],
     car: CarParams,
-    additions: Sequence[str] = (),
     fixed: Mapping[str, float] | None = None,
+    compliant: bool = False,
 ) -> Fit:
-    """Fit to the logs; `fixed` parameters keep their values.
+    """Fit to the logs; `fixed` parameters keep their values, that of a `compliant` steering is one.
 
-    The additions are of ADDITIONS. Raises BagError for too few windows, and where no end is found.
+    Raises BagError for too few windows, and where no end is found.
     """
     windows = cut(logs)
     count = windows.vx.shape[1]
@@ -264,8 +225,7 @@ def fit(
     # those in which the car turns most
     windows = windows.take(np.sort(np.argsort(np.ptp(windows.r, axis=0))[-MOST_WINDOWS:]))
     fixed = dict(fixed or {})
-    chosen = (name for name in KINDS if name in BASIC or name.startswith(tuple(additions)))
-    names = [name for name in chosen if name not in fixed]
+    names = [n for n in KINDS if n not in fixed and (compliant or n != COMPLIANCE)]
     problem = _Problem(car, windows, names, fixed)
     functions = problem.residuals, problem.x0, problem.jacobian, problem.bounds
     ends = {'xtol': 1e-5, 'ftol': 1e-6, 'max_nfev': MOST_STEPS}
@@ -278,7 +238,7 @@ def fit(
     vague = tuple(name for name in names if _is_vague(KINDS[name], values[name], half[name]))
     i, k = np.unravel_index(np.argmax(np.abs(np.triu(correlation, 1))), correlation.shape)
     correlated = names[i], names[k], float(correlation[i, k])
-    return Fit(fixed | values, half, vague, correlated, tuple(additions))
+    return Fit(fixed | values, half, vague, correlated)
 
 
 def _is_vague(kind, value, half):

@@ -20,9 +20,15 @@ from scipy.ndimage import maximum_filter1d
 from experiments.configuration import inputs
 from experiments.measured import single_track_fit
 from experiments.measured.measured_log import STEP_S, Log
-from experiments.measured.single_track_fit import LONGEST_DELAY_S, SIGNALS, Fit, Windows
-from mpcc_controller.model import single_track
-from mpcc_controller.model.single_track import Car, Input, State
+from experiments.measured.single_track_fit import (
+    CONTROLLER,
+    LONGEST_DELAY_S,
+    MODEL_STEP_S,
+    SIGNALS,
+    Fit,
+    Windows,
+    predict,
+)
 from mpcc_controller.parameters import CarParams
 from mpcc_controller.problem import stage_parameters
 from vehicle_plant.car import split_drive_force
@@ -32,15 +38,13 @@ from vehicle_plant.state import SetPoints
 
 HORIZONS_S = (0.25, 0.5, 1.0, 2.0)
 BINS_MPS2 = (0.0, 3.0, 6.0, 20.0)
-MODEL_STEP_S, EVERY_S = 0.05, 0.1
-CONTROLLER = 'mpcc'  # whose numbers of the model are taken
+EVERY_S = 0.1
 LINEAR_FRICTION = 1e3  # of a tyre that never slides
 ACTIVE_MPS2, AROUND_S, LONGEST_S = 2.0, 0.6, 15.0
 FAST_SERVO_RADPS, FAST_RADPS = 300.0, 20.0
 SPEED_GAIN_NSPM = 8000.0
 MS_PER_STEP = round(1000 * STEP_S)
 PREDICTION, LINEAR, HOLD, PLANT = 'prediction model', 'linear tyre', 'hold the state', 'plant'
-FITTED = 'with additions'
 COLUMNS = ('model', 'ahead_s', 'from_mps2', 'to_mps2', 'starts', 'vy', 'r', 'position')
 
 
@@ -67,17 +71,14 @@ class Validation(NamedTuple):
 def validate(
     logs: Sequence[Log], car: CarParams, fit: Fit | None, plant: PlantParams | None
 ) -> Validation:
-    """Compare. `fit` has the offsets of the logs, and perhaps additions. Raises BagError."""
-    values = {} if fit is None else fit.values | {'cog_to_front_m': 0.0}  # of `car`: as fitted
+    """Compare. `fit` has the offsets of the logs. Raises BagError."""
+    values = {} if fit is None else fit.values
     model = stage_parameters.car(inputs.controller_params(CONTROLLER), car)
     linear = model._replace(mu_f=LINEAR_FRICTION, mu_r=LINEAR_FRICTION)
 
     def simulate(windows):
         """Return the motion of every model of the controllers' car."""
-        motions = {PREDICTION: predict(model, windows), LINEAR: predict(linear, windows)}
-        if fit is not None and fit.additions:
-            motions[FITTED] = single_track_fit.simulate(car, values, windows)
-        return motions
+        return {PREDICTION: predict(model, windows), LINEAR: predict(linear, windows)}
 
     windows = single_track_fit.cut(logs, HORIZONS_S[-1], EVERY_S).corrected(values)
     held = Windows(windows.steer, *(np.broadcast_to(x[:1], x.shape) for x in windows[1:]))
@@ -91,37 +92,6 @@ def validate(
         numbers = {name: _numbers(window, motion) for name, motion in motions.items()}
         manoeuvres.append(Manoeuvre(log.name, window, motions, numbers))
     return Validation(errors, manoeuvres)
-
-
-def predict(model: Car, windows: Windows) -> Windows:
-    """Return the motion of the prediction model in corrected windows, from their first row on.
-
-    Its speed and its force are the measured ones at every step of the model.
-    """
-    rows, columns = windows.vx.shape
-    dt, t = MODEL_STEP_S, np.arange(rows) * STEP_S
-    at = np.arange(0, t[-1] + dt / 2, dt)
-    step = single_track.step(dt, single_track.structure(model)).map(columns)
-    cars = np.tile(np.array(model, float)[:, None], columns)
-    vx, ax, steer = (_sampled(at, t, x) for x in (windows.vx, windows.ax, windows.steer))
-    force = model.m * ax + model.drag * vx**2 + model.rolling
-    steer_rate = np.diff(steer, axis=0, append=steer[-1:]) / dt
-    mean_vx = (vx + np.vstack([vx[1:], vx[-1:]])) / 2
-    vy, r, zero = windows.vy[0], windows.r[0], np.zeros(columns)
-    out = np.empty((3, len(at), columns))
-    for k in range(len(at)):
-        x = State(zero, zero, zero, vx[k], vy, r, zero, steer[k], force[k])
-        u = Input(steer_rate[k], zero, np.full(columns, 0.6), zero)
-        following = State(*step(np.array(x), np.array(u), cars).full())
-        ay = (following.vy - vy) / dt + mean_vx[k] * (r + following.r) / 2
-        out[:, k] = vy, r, ay
-        vy, r = following.vy, following.r
-    vy, r, ay = (_sampled(t, at, values) for values in out)
-    return windows._replace(vy=vy, r=r, ay=ay)
-
-
-def _sampled(t, known, values):
-    return np.column_stack([np.interp(t, known, column) for column in values.T])
 
 
 def _positions(windows):

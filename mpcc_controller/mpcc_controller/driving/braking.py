@@ -118,7 +118,7 @@ def steering_angle(x: VehicleState, lateral: float, Fx: float, lambda_b: float, 
     """
     F_x, F_y = single_track.split(Fx, lambda_b, car).f, lateral_forces(lateral, car).f
     Fz = single_track.loads(Fx, car).f
-    slip = slip_of(F_y, lateral_capacity(car.mu_f * Fz, float(F_x)), car.C_f)
+    slip = slip_of(F_y, lateral_capacity(car.mu_f * Fz, float(F_x)), car.C_f, car.compliance)
     blend = min(max(x.vx / car.v_slip, 0.0), 1.0)
     direction = math.atan((x.vy + car.l_f * x.r) / max(x.vx, car.v_slip))
     square = max(x.vx**2 + x.vy**2, car.v_slip**2)
@@ -131,14 +131,15 @@ def lateral_capacity(friction: float, Fx: float) -> float:
     return math.sqrt(max(friction**2 - Fx**2, 0.0))
 
 
-def slip_of(F: float, capacity: float, C: float) -> float:
+def slip_of(F: float, capacity: float, C: float, compliance: float = 0.0) -> float:
     """Return the angle [rad] by which a wheel is turned from its motion to give a lateral force.
 
-    The inverse Fiala curve of the cornering stiffness `C` [N/rad]; a force beyond the capacity gets
-    the slip of the peak.
+    The inverse Fiala curve of the cornering stiffness `C` [N/rad], and what the wheel gives way by
+    `compliance` [rad/N]; a force beyond the capacity gets the slip of the peak.
     """
     use = min(abs(F) / capacity, 1.0) if capacity else 1.0
-    return math.copysign(math.atan(3 * capacity * (1 - (1 - use) ** (1 / 3)) / C), F)
+    slip = math.atan(3 * capacity * (1 - (1 - use) ** (1 / 3)) / C)
+    return math.copysign(slip + compliance * use * capacity, F)
 
 
 def lookahead_point(

@@ -160,7 +160,8 @@ def _steady_plan(X, Y, course, vx, Fx, theta, x0, car, params) -> Plan:
     available = 0.9 * min(car.mu_f, car.mu_r) * GRAVITY
     r = np.clip(np.gradient(course, dt), -available / v, available / v)
     wheelbase, ay = car.l_f + car.l_r, v * r
-    slip_f = car.m * ay * car.l_r / wheelbase / car.C_f
+    front = car.m * ay * car.l_r / wheelbase
+    slip_f = front / car.C_f + car.compliance * front
     slip_r = car.m * ay * car.l_f / wheelbase / car.C_r
     vy = car.l_r * r - v * slip_r
     delta = wheelbase * r / v + slip_f - slip_r

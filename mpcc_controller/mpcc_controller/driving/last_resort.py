@@ -126,6 +126,7 @@ def _steering_angle(x, lateral, front_force, force, car) -> float:
     capacity = math.sqrt(max((car.mu_f * Fz) ** 2 - front_force**2, 0.0))
     use = min(Fy / capacity, 1.0) if capacity else 1.0
     slip = math.atan(3 * capacity * (1 - (1 - use) ** (1 / 3)) / car.C_f)
+    slip += car.compliance * use * capacity
     if x.vx < SLOW_MPS:  # kinematic: the arc itself
         return math.atan(wheelbase * lateral / max(x.vx**2 + x.vy**2, SLOW_MPS**2))
     return math.atan((x.vy + car.l_f * x.r) / x.vx) + math.copysign(slip, lateral)

@@ -22,7 +22,7 @@ import math
 from mpcc_controller.driving import braking, setpoints
 from mpcc_controller.driving.braking import Point
 from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
-from mpcc_controller.model import single_track
+from mpcc_controller.model import fiala, single_track
 from mpcc_controller.model.single_track import Car
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml.types import VehicleState
@@ -110,14 +110,16 @@ def recovery_target(
     )
     front = single_track.split(Fx, lambda_b, car).f
     capacity = braking.lateral_capacity(car.mu_f * single_track.loads(Fx, car).f, float(front))
-    delta = _front_direction(x, car) + braking.slip_of(F_yf, capacity, car.C_f)
+    slip = braking.slip_of(F_yf, capacity, car.C_f, car.compliance)
+    delta = _front_direction(x, car) + slip
     return setpoints.within_limits(delta, Fx, lambda_b, now, limits, step_s)
 
 
 def _predict(x: VehicleState, now: Setpoints, car: Car, t: float) -> VehicleState:
     """Return the state `t` [s] later under the present lateral forces (one Euler step)."""
     Fz = single_track.loads(now.Fx, car)
-    F_yf = _lateral_force(_front_direction(x, car) - now.delta, car.mu_f * Fz.f, car.C_f)
+    slip, front = _front_direction(x, car) - now.delta, car.mu_f * Fz.f
+    F_yf = _lateral_force(slip, front, car.C_f, car.compliance)
     F_yr = _lateral_force(rear_slip(x, car), car.mu_r * Fz.r, car.C_r)
     cos_psi, sin_psi = math.cos(x.psi), math.sin(x.psi)
     return x._replace(
@@ -135,9 +137,12 @@ def _front_direction(x, car):
     return math.atan2(x.vy + car.l_f * x.r, max(x.vx, 0.0))
 
 
-def _lateral_force(slip, capacity, C):
+def _lateral_force(slip, capacity, C, compliance=0.0):
     """Return the Fiala force [N] at a slip angle [rad]; with full sliding beyond its slip."""
     if not capacity:
         return 0.0
-    s = min(abs(C * math.tan(min(max(slip, -1.5), 1.5)) / (3 * capacity)), 1.0)
+    tan_alpha = math.tan(min(max(slip, -1.5), 1.5))
+    if compliance:
+        tan_alpha = float(fiala.remaining_slip(tan_alpha, capacity, C, 1.0, compliance))
+    s = min(abs(C * tan_alpha / (3 * capacity)), 1.0)
     return -math.copysign(capacity * s * (3 - 3 * s + s**2), slip)

@@ -46,3 +46,21 @@ def lateral_force(tan_alpha, capacity, C, switch):
     curve = clipped * (3 - 3 * ca.fabs(clipped) + clipped**2)
     tangent = 3 * (1 - switch) ** 2 * (s - clipped)
     return -capacity * (curve + tangent)
+
+
+def remaining_slip(tan_alpha, capacity, C, switch, compliance):
+    """Return the slip [-] that a wheel keeps which gives way to the force of `lateral_force`.
+
+    It gives way by `compliance` [rad/N]: the slip z that is left solves z + compliance |F(z)| =
+    tan(alpha), in closed form. With k = compliance C and p = 1 - |s| that is the cubic
+    k p^3 + 3 p = k + 3 - 3 |S|, where S is s of `tan_alpha`; beyond `switch` the force is linear.
+    """
+    k, scale = compliance * C, 3 * capacity / C
+    S = tan_alpha / scale
+    bend = switch * (1 + k * (1 - switch + switch**2 / 3))
+    bent = ca.fmin(ca.fmax(S, -bend), bend)
+    half = ca.sqrt(k) * (k + 3 - 3 * ca.fabs(bent)) / 2
+    share = 1 - 2 / ca.sqrt(k) * ca.sinh(ca.asinh(half) / 3)
+    # `share` is |s|; divided so the derivative is right where the slip is 0, and |s| has a corner
+    s = bent / (1 + k * (1 - share + share**2 / 3))
+    return scale * (s + (S - bent) / (1 + k * (1 - switch) ** 2))

@@ -64,11 +64,13 @@ class Car(NamedTuple):
     v_slip: Any  # m/s, least speed in the slip angles
     force_blend: Any  # N, width of the change from braking to driving
     # beyond the paper, each left out of the equations where it is the number 0: how far the
-    # actuators are behind set-points that move at constant rates, and the speed up to which the
-    # car is a kinematic single track, below the tyre dynamics
+    # actuators are behind set-points that move at constant rates, the speed up to which the
+    # car is a kinematic single track, below the tyre dynamics, and how far the front wheels give
+    # way to their lateral force
     steer_lag: Any = 0.0  # s
     force_lag: Any = 0.0  # s
     kinematic_below: Any = 0.0  # m/s
+    compliance: Any = 0.0  # rad/N
 
 
 EXTENSIONS = tuple(Car._field_defaults)
@@ -173,7 +175,7 @@ def smooth_split(Fx, lambda_b, car):
 
 
 def slips(x, car):
-    """Return tan(alpha) per axle.
+    """Return tan(alpha) per axle, in front before the wheels give way.
 
     Below `v_slip` the speed in the denominator is bounded smoothly: RK2 at 50 ms is unstable on the
     tyre dynamics near 5 m/s, and an iterate of the solver may have any speed.
@@ -196,11 +198,13 @@ def _bounded_speed(x, car):
 def sliding_slips(car: Car) -> Axles:
     """Return the slip angle [rad] per axle at which the tyre slides fully, Fx = 0.
 
-    There the lateral force of the Fiala tyre is the friction: tan(alpha) = 3 mu Fz / C.
+    There the lateral force of the Fiala tyre is the friction: tan(alpha) = 3 mu Fz / C. That of
+    the front axle is, as in `slips`, the angle before the wheels give way.
     """
     Fz = loads(0.0, car)
+    given = 0.0 if _is_off(car.compliance) else car.compliance * car.mu_f * Fz.f
     return Axles(
-        f=ca.atan(3 * car.mu_f * Fz.f / car.C_f),
+        f=ca.atan(3 * car.mu_f * Fz.f / car.C_f + given),
         r=ca.atan(3 * car.mu_r * Fz.r / car.C_r),
     )
 
@@ -223,10 +227,13 @@ def tyre_forces(x, u, car):
     F_xr = fiala.longitudinal_force(demand.r, Fz.r, car.mu_r)
     front = fiala.lateral_capacity(F_xf, Fz.f, car.mu_f)
     rear = fiala.lateral_capacity(F_xr, Fz.r, car.mu_r)
+    slip = tan_alpha.f
+    if not _is_off(car.compliance):
+        slip = fiala.remaining_slip(slip, front, car.C_f, car.tyre_switch, car.compliance)
     return TyreForces(
         F_xf=F_xf,
         F_xr=F_xr,
-        F_yf=fiala.lateral_force(tan_alpha.f, front, car.C_f, car.tyre_switch),
+        F_yf=fiala.lateral_force(slip, front, car.C_f, car.tyre_switch),
         F_yr=fiala.lateral_force(tan_alpha.r, rear, car.C_r, car.tyre_switch),
     )
 
@@ -302,7 +309,8 @@ def dynamic_rates(x, u: Input, car) -> BodyRates:
     """Return the rates of the body by the forces of the tyres (paper, eq. 1)."""
     F = tyre_forces(x, u, car)
     F_drag = car.drag * x.vx**2 + car.rolling
-    sin_delta, cos_delta = ca.sin(x.delta), ca.cos(x.delta)
+    delta = x.delta if _is_off(car.compliance) else x.delta - car.compliance * F.F_yf
+    sin_delta, cos_delta = ca.sin(delta), ca.cos(delta)
     front_x = F.F_xf * cos_delta - F.F_yf * sin_delta  # front axle force in the body frame, N
     front_y = F.F_xf * sin_delta + F.F_yf * cos_delta
     return BodyRates(

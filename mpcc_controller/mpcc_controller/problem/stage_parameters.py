@@ -72,6 +72,7 @@ def car(params: ControllerParams, vehicle: CarParams) -> Car:
         tyre_switch=params.model.tyre_switch,
         v_slip=params.model.least_slip_speed_mps,
         force_blend=params.model.force_blend_n,
+        compliance=tyre.compliance_radpn or 0.0,
     )
     if params.model.servo_lag:
         lags = {

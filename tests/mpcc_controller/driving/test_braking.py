@@ -95,11 +95,13 @@ def test_the_lateral_acceleration_is_that_of_the_circle_from_the_direction_of_mo
     r=st.floats(-0.8, 0.8),
     vy=st.floats(-1.5, 1.5),
     Fx=st.floats(-12e3, 0),
+    compliance=st.sampled_from([0.0, 1e-5]),
 )
 def test_the_steering_angle_gives_the_front_axle_the_demanded_force_or_all_it_has(
-    car, lateral, v, r, vy, Fx
+    car, lateral, v, r, vy, Fx, compliance
 ):
     """The tyre model at this angle returns the force, however the car moves."""
+    car = car._replace(compliance=compliance)
     x = State(0.0, 0.0, 0.0, v, vy, r, 0.0, 0.0, Fx)
     x = x._replace(delta=braking.steering_angle(x, lateral, Fx, 0.6, car))
     force = float(single_track.tyre_forces(x, Input(0.0, 0.0, 0.6, 0.0), car).F_yf)

@@ -7,7 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller.driving import braking, guesses, path_progress, planner, recovery
+from mpcc_controller.driving import (
+    braking,
+    guesses,
+    last_resort,
+    path_progress,
+    planner,
+    recovery,
+)
 from mpcc_controller.driving.braking import Point
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.fallback import BRAKING, RECOVERY, rejection_reason
@@ -62,6 +69,24 @@ def test_it_counter_steers_a_tail_that_swings_out_does_not_brake_first_and_mirro
         for side in (1.0, -1.0)
     )
     assert left == pytest.approx((-right.delta, right.Fx, right.lambda_b))
+
+
+def test_a_soft_steering_is_a_spring_before_that_of_the_tyre(car, params, world):
+    """Braking, recovery and last resort steer a car of small slips as one of a softer tyre."""
+    soft = car._replace(C_f=1 / (1 / car.C_f - 5e-6), compliance=5e-6)
+    x, line = world.rolling(v=20.0, vy=0.02, r=0.01), Point(40.0, 0.3)
+    rules = params.limits, params.braking, params.model.step_s
+    straight = np.array([[0.0, 0.0], [100.0, 0.75]])
+    brake = Command(0, 0.0, 0.0, -8000.0, -6000.0)
+    for steer in (
+        lambda car: recovery.recovery_target(x, REST, line, car, params).delta,
+        lambda car: braking.braking_target(x, REST, line, car, params).delta,
+        lambda car: last_resort.braking_command(x, brake, straight, car, *rules).delta,
+    ):
+        delta, stiff = steer(soft), steer(car._replace(C_f=soft.C_f))
+        assert delta == pytest.approx(steer(car), rel=0.05)
+        assert abs(delta) < 0.9 * params.limits.steer_rate_radps * params.model.step_s
+        assert stiff != pytest.approx(delta, rel=0.16)
 
 
 def test_a_car_whose_brakes_leave_no_side_force_releases_them(car, params, world):

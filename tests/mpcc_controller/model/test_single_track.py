@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import signal
+from scipy import optimize, signal
 
-from mpcc_controller.model import single_track
+from mpcc_controller.model import fiala, single_track
 from mpcc_controller.model.single_track import Input, State
 
 quick = settings(max_examples=60)
 DT = 0.05
+REST = Input(0.0, 0.0, 0.6, 0.0)
+BY = ('vy', 'r', 'delta')
 states = st.builds(
     State,
     X=st.floats(-100, 100),
@@ -49,12 +51,17 @@ def transcribed(x, u, c):
         Fx = 0.5 * (math.hypot(demand + M, e) - math.hypot(demand - M, e))
         F_max = math.sqrt((mu * load) ** 2 - Fx**2)
         z, xi = math.tan(alpha), c.tyre_switch
-        if abs(z) < 3 * xi * F_max / C:
-            Fy = -C * z + C**2 * abs(z) * z / (3 * F_max) - C**3 * z**3 / (27 * F_max**2)
-        else:
-            Fy = -C * (1 - xi) ** 2 * z - F_max * (3 * xi**2 - 2 * xi**3) * math.copysign(1, z)
-        forces.append((Fx, Fy))
+
+        def lateral(z, C=C, F_max=F_max, xi=xi):
+            if abs(z) < 3 * xi * F_max / C:
+                return -C * z + C**2 * abs(z) * z / (3 * F_max) - C**3 * z**3 / (27 * F_max**2)
+            return -C * (1 - xi) ** 2 * z - F_max * (3 * xi**2 - 2 * xi**3) * math.copysign(1, z)
+
+        if not forces and c.compliance:  # of the front axle
+            z = optimize.brentq(lambda left, z=z: left - c.compliance * lateral(left) - z, -4, 4)
+        forces.append((Fx, lateral(z)))
     (Fxf, Fyf), (Fxr, Fyr) = forces
+    delta -= c.compliance * Fyf
     sin, cos = math.sin(delta), math.cos(delta)
     drag = c.drag * x.vx**2 + c.rolling
     return (
@@ -70,11 +77,11 @@ def transcribed(x, u, c):
     )
 
 
-@pytest.mark.parametrize('lags', [(0.0, 0.0), (0.05, 0.07)])
+@pytest.mark.parametrize('more', [{}, {'steer_lag': 0.05, 'force_lag': 0.07}, {'compliance': 1e-5}])
 @settings(max_examples=80)
 @given(states, inputs)
-def test_a_step_is_the_midpoint_rule_on_an_independent_transcription(car, lags, x, u):
-    car = car._replace(steer_lag=lags[0], force_lag=lags[1])
+def test_a_step_is_the_midpoint_rule_on_an_independent_transcription(car, more, x, u):
+    car = car._replace(**more)
     first = np.array(transcribed(x, u, car))
     second = transcribed(State(*(x + DT / 2 * first)), u, car)
     after = single_track.step(DT, single_track.structure(car))(x, u, car).full().ravel()
@@ -98,6 +105,73 @@ def test_the_force_of_a_wheel_that_is_dragged_sideways_is_against_its_motion(
     friction = car.mu_f * single_track.loads(0.0, car).f
     # the friction, and what the tangent that continues the Fiala curve adds (`tyre_switch`)
     assert 0.98 * friction < -side * float(F.F_yf) < 1.2 * friction
+
+
+soft_tyres = {
+    'tan_alpha': st.floats(-4.0, 4.0),
+    'capacity': st.floats(50.0, 2e4),
+    'C': st.floats(2e4, 1e6),
+    'switch': st.floats(0.5, 1.0),
+    'compliance': st.floats(1e-9, 1e-4),
+}
+
+
+@settings(max_examples=300)
+@given(**soft_tyres)
+def test_a_wheel_that_gives_way_is_in_equilibrium(tan_alpha, capacity, C, switch, compliance):
+    """In tangents exactly; in angles they differ by less than the tangent from its angle."""
+    left = fiala.remaining_slip(tan_alpha, capacity, C, switch, compliance)
+    given = -compliance * fiala.lateral_force(left, capacity, C, switch)
+    assert left + given == pytest.approx(tan_alpha, rel=1e-12, abs=1e-15)
+    assert 0 <= left * np.sign(tan_alpha) <= abs(tan_alpha)
+    angle = abs(math.atan(left) + given - math.atan(tan_alpha))
+    assert angle <= abs(tan_alpha) - math.atan(abs(tan_alpha)) + 1e-12
+
+
+@settings(max_examples=200)
+@given(**soft_tyres)
+def test_its_slope_is_that_of_springs_in_series(tan_alpha, capacity, C, switch, compliance):
+    """dF/dz = F' / (1 + c F'), also at the slip 0, where |s| has a corner."""
+    z = ca.SX.sym('z')
+    left = fiala.remaining_slip(z, capacity, C, switch, compliance)
+    both = ca.Function('f', [z], [left, fiala.lateral_force(left, capacity, C, switch)])
+    slope = both.factory('df', ['i0'], ['jac:o1:i0'])
+    for at in (0.0, tan_alpha):
+        s = min(abs(C * float(both(at)[0]) / (3 * capacity)), switch)
+        tyre = C * (1 - s) ** 2
+        series = tyre / (1 + compliance * tyre)
+        assert float(slope(at)) == pytest.approx(-series, rel=1e-6, abs=1e-6)
+        h = 1e-6 * (capacity / C + abs(at))
+        ends = [float(both(at + d)[1]) for d in (h, -h)]
+        near = max(abs(float(slope(at + d)) - float(slope(at))) for d in (h, -h))
+        found = (ends[0] - ends[1]) / (2 * h)
+        assert found == pytest.approx(float(slope(at)), abs=near + 1e-6 * C)
+
+
+@quick
+@given(st.floats(10.0, 40.0), st.floats(1e-7, 2e-5))
+def test_compliance_adds_its_force_at_the_front_axle_to_the_understeer(car, v, compliance):
+    """Steer per lateral acceleration grows by c m l_r / l: the front axle carries m l_r / l."""
+    soft = car._replace(compliance=compliance)
+    ay, x = 1e-3, State(0, 0, 0, v, 0.0, 0.0, 0.0, 0.0, 0.0)
+    wheelbase = car.l_f + car.l_r
+    gradients = []
+    for one in (car, soft):
+        rates = [single_track.body_rates(x._replace(**{name: 1e-6}), REST, one) for name in BY]
+        A = np.array([[float(rate.vy), float(rate.r)] for rate in rates]).T / 1e-6
+        _, delta = np.linalg.solve(A[:, [0, 2]], -A[:, 1] * ay / v)
+        gradients.append((delta - wheelbase * ay / v**2) / ay)
+    more = compliance * car.m * car.l_r / wheelbase
+    assert gradients[1] - gradients[0] == pytest.approx(more, rel=1e-3)
+
+
+@pytest.mark.parametrize('compliance', [0.0, 1e-16])
+@given(states, inputs)
+def test_a_compliance_of_nothing_is_none(car, compliance, x, u):
+    soft = car._replace(compliance=compliance)
+    assert single_track.structure(car).compliance == 0.0
+    after = [single_track.step(DT, single_track.structure(c))(x, u, c).full() for c in (car, soft)]
+    assert after[1] == pytest.approx(after[0], rel=1e-9, abs=1e-9)
 
 
 @quick
