@@ -94,7 +94,7 @@ def columns() -> Iterator[str]:
 def figures() -> Iterator[str]:
     """Yield the files that a comparison of the reference drives writes."""
     with tempfile.TemporaryDirectory() as out:
-        printed_by('bags', 'compare', *DRIVES, '--out', out)
+        printed_by('bags', 'compare', '--figures', *DRIVES, '--out', out)
         yield from (str(p.relative_to(out)) for p in Path(out).rglob('*') if p.is_file())
 
 
