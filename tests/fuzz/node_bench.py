@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from closed_loops import fixed_weights
 from node_ring import Bus, name_of
 from rclpy.node import Node
 
@@ -33,8 +34,8 @@ NODES: dict[str, Callable[[], Node]] = {
     'plant': PlantNode,
     'scenario': ScenarioNode,
 }
-# no solver runs out of time, however busy this machine is
-PATIENT = {'solver.time_limit_s': 10.0, 'solver.patience_s': 10.0}
+# no solver runs out of time, however busy this machine is; what is fuzzed is no weight
+CONTROLLER = {'solver.time_limit_s': 10.0, 'solver.patience_s': 10.0} | fixed_weights('mpcc')
 LEFT = np.array([[0.0, 3.5], [900.0, 3.5]])
 RIGHT = LEFT * [1.0, -1.0]
 X = np.linspace(0.0, 900.0, 10)
@@ -68,7 +69,7 @@ class NodeBench:
 def running(name: str, mode: str, **settings: Any) -> Iterator[NodeBench]:
     """Create a node in a ROS domain of its own, with parameters; destroy it at the end."""
     with domain.reserved({}) as number:
-        given = {'mode': mode, **settings} | (PATIENT if name == 'controller' else {})
+        given = {'mode': mode, **settings} | (CONTROLLER if name == 'controller' else {})
         arguments = [word for item in given.items() for word in ('-p', '{}:={}'.format(*item))]
         rclpy.init(args=['--ros-args', *arguments], domain_id=number)
         bus = Bus(0)

@@ -167,12 +167,12 @@ def letter_panels(figure) -> None:
 
 
 def figure_paths(stem: Path, suffixes: Sequence[str] = SUFFIXES) -> list[Path]:
-    """Return <stem>.png and <stem>.svg, also where the stem has a dot."""
+    """Return <stem>.png and <stem>.svg, or those of `suffixes`, also where the stem has a dot."""
     return [stem.with_name(f'{stem.name}{suffix}') for suffix in suffixes]
 
 
 def save_figure(figure, stem: Path, suffixes: Sequence[str] = SUFFIXES) -> list[Path]:
-    """Write a figure with a layout engine as <stem>.png and .svg; return the paths."""
+    """Write a figure with a layout engine as <stem> with each suffix; return the paths."""
     # nodes use the colours: they need not load matplotlib
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -211,7 +211,7 @@ def fit(
     fixed: Mapping[str, float] | None = None,
     compliant: bool = False,
 ) -> Fit:
-    """Fit to the logs; `fixed` parameters keep their values, that of a `compliant` steering is one.
+    """Fit to the logs; `fixed` parameters keep their values. `compliant`: with a soft steering.
 
     Raises BagError for too few windows, and where no end is found.
     """
@@ -243,7 +243,7 @@ def fit(
 
 def _is_vague(kind, value, half):
     at_bound = min(value - kind.low, kind.high - value) < 1e-3 * (kind.high - kind.low)
-    # a delay, a length or a loss of nothing is an answer
+    # a delay or a compliance of nothing is an answer
     is_pushed = at_bound and (kind.low < 0 or value > kind.low + kind.scale)
     return is_pushed or half > VAGUE * (value if kind.low > 0 else kind.high - kind.low)
 

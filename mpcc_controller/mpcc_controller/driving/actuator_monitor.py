@@ -141,8 +141,10 @@ class ActuatorMonitor:
 
     def __init__(self, vehicle: CarParams):
         lags = (vehicle.actuators.steer_lag_s, vehicle.actuators.force_lag_s)
-        lags = (UNKNOWN_LAG_S if lag is None else lag for lag in lags)
-        self._windows_ns = [round((LAGS * lag + UNANNOUNCED_S) * NS_PER_S) for lag in lags]
+        # s, of steering and force behind their set-points
+        self.lags = tuple(UNKNOWN_LAG_S if lag is None else lag for lag in lags)
+        windows_s = (LAGS * lag + UNANNOUNCED_S for lag in self.lags)
+        self._windows_ns = [round(window_s * NS_PER_S) for window_s in windows_s]
         self._thresholds = STEER_RAD, FORCE_MPS2 * vehicle.car.mass_kg
         self.memory_s = max(self._windows_ns) / NS_PER_S + OLDEST_S  # of set-points
 

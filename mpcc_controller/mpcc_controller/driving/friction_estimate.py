@@ -96,6 +96,7 @@ class FrictionEstimator:
         `lags` are those of the steering and of the forces [s] behind their set-points.
         """
         self._params, self._lags = params, lags
+        self.memory_s = max(lags) + params.lag_error_s  # of set-points
         n = max(round((highest - params.lowest) / GRID_STEP), 0) + 1
         self.grid = np.linspace(min(params.lowest, highest), highest, n)
         ideal = car._replace(steer_lag=0.0, force_lag=0.0)  # the delay of the set-points is theirs
@@ -284,6 +285,7 @@ class FrictionEstimator:
         steps = int(np.ceil(duration_s / delay_compensation.MAX_STEP_S))
         instants = np.linspace(last.stamp_ns, stamp_ns, steps + 1)
         acting = [self._acting(ramps, ns, self._lags) for ns in instants.tolist()]
+        # these columns have the rates of the others: at a corner they are late by half a step less
         late = [lag + self._params.lag_error_s for lag in self._lags]
         delayed = [self._acting(ramps, ns, late)[0] for ns in instants.tolist()]
         h = duration_s / steps

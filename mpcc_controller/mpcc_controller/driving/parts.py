@@ -55,9 +55,8 @@ class Parts:
         self.friction: FrictionEstimator | None = None
         if params.friction_estimate.on:
             highest = params.model.friction
-            lags = vehicle.actuators.steer_lag_s or 0.0, vehicle.actuators.force_lag_s or 0.0
             self.friction = FrictionEstimator(
-                params.friction_estimate, self.model.car, lags, highest
+                params.friction_estimate, self.model.car, self.actuators.lags, highest
             )
         self.gate = Gate(
             params.limits,

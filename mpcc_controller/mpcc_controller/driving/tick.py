@@ -317,13 +317,13 @@ def _remember(memory: Memory, command: Command, decision, effective_ns, rejectio
     due_ns = max(add_seconds(command.stamp_ns, step_s) + parts.command_ns, effective_ns)
     end, lambda_b = setpoints.setpoints_of(command, modelled)
     ramp = SetpointRamp(effective_ns, memory.ramp.end, due_ns, end, lambda_b)
-    # The next tick predicts from a later state, or from the last one that was known; the actuators
-    # are compared with set-points of a longer while, longer than those act later that tell the
-    # friction.
+    # The next tick predicts from a later state, or from the last one that was known. Actuators and
+    # friction are compared with set-points from before it.
+    acted_s = max(parts.actuators.memory_s, parts.friction.memory_s if parts.friction else 0.0)
     known_ns = command.stamp_ns
     if memory.known is not None:
         known_ns = min(known_ns, memory.known.stamp_ns)
-    kept = still_needed(memory.ramps, add_seconds(known_ns, -parts.actuators.memory_s))
+    kept = still_needed(memory.ramps, add_seconds(known_ns, -acted_s))
     counts = dict(memory.rejections)
     for reason in rejections:
         counts[reason] = counts.get(reason, 0) + 1

@@ -51,7 +51,7 @@ def lateral_force(tan_alpha, capacity, C, switch):
 def remaining_slip(tan_alpha, capacity, C, switch, compliance):
     """Return the slip [-] that a wheel keeps which gives way to the force of `lateral_force`.
 
-    It gives way by `compliance` [rad/N]: the slip z that is left solves z + compliance |F(z)| =
+    It gives way by `compliance` [rad/N]: the slip z that is left solves z - compliance F(z) =
     tan(alpha), in closed form. With k = compliance C and p = 1 - |s| that is the cubic
     k p^3 + 3 p = k + 3 - 3 |S|, where S is s of `tan_alpha`; beyond `switch` the force is linear.
     """

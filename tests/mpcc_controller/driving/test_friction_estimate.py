@@ -89,8 +89,8 @@ def swerve(ticks=40, amplitude=0.1):
     return [Setpoints(amplitude * np.sin(2 * np.pi * k / 30), 0.0) for k in range(ticks)]
 
 
-def braking(ticks=30, force=-12e3):
-    return [Setpoints(0.0, max(force, -2e3 * k)) for k in range(ticks)]
+def braking(ticks=30, force=-12e3, rate=2e3):
+    return [Setpoints(0.0, max(force, -rate * k)) for k in range(ticks)]
 
 
 @settings(max_examples=8)
@@ -129,18 +129,24 @@ def test_a_gap_between_states_is_no_measurement(drive, estimator_):
     assert estimator.belief.friction == pytest.approx(estimator_().belief.friction)
 
 
-def test_a_delay_that_is_known_or_doubted_is_not_taken_for_ice(drive, nominal, rules):
-    late_s, states = 0.06, drive(1.0, [STRAIGHT] * 20 + swerve(amplitude=0.15))
+@pytest.mark.parametrize(
+    ('targets', 'lags'),
+    [(swerve(amplitude=0.15), (0.06, 0.0)), (braking(rate=4e3), (0.0, 0.06))],
+    ids=['steering', 'force'],
+)
+def test_a_delay_that_is_known_or_doubted_is_not_taken_for_ice(
+    drive, nominal, rules, targets, lags
+):
+    late_s, states = max(lags), drive(1.0, [STRAIGHT] * 20 + targets)
     late = [(x, [_sent_earlier(ramp, late_s) for ramp in ramps]) for x, ramps in states]
 
-    def least(lag_s, error_s):
+    def least(lags, error_s):
         doubted = replace(rules, lag_error_s=error_s)
-        estimator = FrictionEstimator(doubted, nominal, (lag_s, lag_s), 1.0)
-        return Estimate(estimator).frictions(late).min()
+        return Estimate(FrictionEstimator(doubted, nominal, lags, 1.0)).frictions(late).min()
 
-    assert least(0.0, 0.0) < 0.75
-    assert least(late_s, 0.0) > 0.85
-    assert least(0.0, late_s) > 0.85
+    unknown, other, known = (least(given, 0.0) for given in (NO_LAGS, lags[::-1], lags))
+    assert known > least(NO_LAGS, late_s) + 0.002 > unknown + 0.004
+    assert other == pytest.approx(unknown, abs=1e-3)
 
 
 def _sent_earlier(ramp, duration_s):

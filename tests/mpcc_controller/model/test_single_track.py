@@ -165,11 +165,10 @@ def test_compliance_adds_its_force_at_the_front_axle_to_the_understeer(car, v, c
     assert gradients[1] - gradients[0] == pytest.approx(more, rel=1e-3)
 
 
-@pytest.mark.parametrize('compliance', [0.0, 1e-16])
 @given(states, inputs)
-def test_a_compliance_of_nothing_is_none(car, compliance, x, u):
-    soft = car._replace(compliance=compliance)
-    assert single_track.structure(car).compliance == 0.0
+def test_a_compliance_of_nearly_nothing_is_none(car, x, u):
+    soft = car._replace(compliance=1e-16)
+    assert single_track.structure(car).compliance == 0.0 != single_track.structure(soft).compliance
     after = [single_track.step(DT, single_track.structure(c))(x, u, c).full() for c in (car, soft)]
     assert after[1] == pytest.approx(after[0], rel=1e-9, abs=1e-9)
 
