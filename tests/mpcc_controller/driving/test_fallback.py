@@ -195,6 +195,13 @@ def step(controller, world, modify_solver):
     return answer
 
 
+def test_an_objection_to_the_last_plan_is_braked_for():
+    """One pair of ticks of the ladder, which random ones may leave out."""
+    ladder = Ladder()
+    ladder.solve(GOOD[0], '')
+    ladder.fail(BAD[0], 'plan_touches')
+
+
 @pytest.mark.parametrize(
     ('tick', 'expected'),
     [
