@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from experiments.estimation import front_stiffness
 from experiments.measured import log_map, measured_log, report
 from experiments.measured.single_track_fit import Fit
 from msgs_yaml.types import Chassis, Gnss, Imu
@@ -58,7 +59,7 @@ def vehicle(known: log_map.LogMap, fit: Fit, roll_radps2: float) -> Vehicle:
         track_m=TRACK_M,
         wheel_radius_m=RADIUS_M,
         drive_front_share=1.0,
-        front_cornering_npr=tyre.front_cornering_npr,
+        front_cornering_npr=front_stiffness(tyre),
         rear_cornering_npr=tyre.rear_cornering_npr,
         **friction,
         relaxation_m=0.5,

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from bags.errors import BagError
-from mpcc_controller.parameters import CarParams
+from mpcc_controller.parameters import CarParams, Tyre
 from msgs_yaml.types import VehicleState
 from node_runtime import parameters
 from state_estimator import estimators
@@ -51,11 +51,16 @@ def known_values(sensors: SensorParams, friction: float, car: Vehicle) -> dict[s
     }
 
 
+def front_stiffness(tyre: Tyre) -> float:
+    """Return that [N/rad] of the front tyre and a soft steering in series, as the filter has it."""
+    return tyre.front_cornering_npr / (
+        1 + (tyre.compliance_radpn or 0.0) * tyre.front_cornering_npr
+    )
+
+
 def vehicle(car: CarParams, plant: Car) -> Vehicle:
     """Return the car as `identify` knows it, with wheels, track, roll and pitch of the plant."""
     own, tyre = car.car, car.tyre
-    # the filter has no compliance: the stiffness is that of both springs together
-    given = (tyre.compliance_radpn or 0.0) * tyre.front_cornering_npr
     roll, pitch = steady_roll_and_pitch(plant)
     return Vehicle(
         mass_kg=own.mass_kg,
@@ -66,7 +71,7 @@ def vehicle(car: CarParams, plant: Car) -> Vehicle:
         track_m=0.5 * (plant.suspension.front.track_m + plant.suspension.rear.track_m),
         wheel_radius_m=plant.wheel.radius_m,
         drive_front_share=car.actuators.drive_front_share or 0.0,
-        front_cornering_npr=tyre.front_cornering_npr / (1 + given),
+        front_cornering_npr=front_stiffness(tyre),
         rear_cornering_npr=tyre.rear_cornering_npr,
         front_friction=tyre.front_friction,
         rear_friction=tyre.rear_friction,

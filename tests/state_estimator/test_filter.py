@@ -1,5 +1,6 @@
 """The filter against the truth of the plant, and against least squares over a whole drive."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -20,6 +21,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
+from experiments.estimation import front_stiffness
+from mpcc_controller import car_file
+from mpcc_controller.model import fiala
 from msgs_yaml.types import Chassis, Gnss, Imu
 from state_estimator.estimators import Stream
 from state_estimator.vehicle_model import tyre_force
@@ -269,3 +273,11 @@ def test_nothing_is_believed_before_every_sensor_has_spoken():
     first = estimate(messages)[1][0]
     assert first.state.psi == pytest.approx(START.psi, abs=0.05)
     assert grade().receiver.latency_ms > 0
+
+
+def test_the_front_stiffness_is_that_of_the_tyre_and_a_soft_steering():
+    tyre = replace(car_file.read('car.yaml').tyre, compliance_radpn=1e-5)
+    C, capacity, tan_alpha = tyre.front_cornering_npr, 8e3, 1e-6
+    left = fiala.remaining_slip(tan_alpha, capacity, C, 0.95, tyre.compliance_radpn)
+    force = -float(fiala.lateral_force(left, capacity, C, 0.95))
+    assert front_stiffness(tyre) == pytest.approx(force / tan_alpha, rel=1e-3)
