@@ -258,10 +258,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--scaling', action='store_true', help='ticks by path and obstacles')
     parser.add_argument('--ring', action='store_true', help='the node graph, too')
-    text = 'plant file, and car files on it'
+    text = 'plant file, and two or more car files on it'
     parser.add_argument('--cars', nargs='+', metavar=('PLANT', 'CAR'), help=text)
     options = parser.parse_args()
     if options.cars:
+        if len(options.cars) < 3:
+            parser.error('--cars: needs a plant file and at least two car files')
         print(measure_cars(options.cars[0], options.cars[1:]))
         return
     about = ', '.join(f'{key} {value}' for key, value in machine.named().items())
