@@ -3,6 +3,9 @@
 However an actuator lags, without overshoot it is between the least and the greatest set-point of
 the last while. One that is beyond these for longer does not do what is asked of it: it sticks, is
 weaker, or somebody else moves it. Plans then begin where it is.
+
+Set-points that arrive late are another fault: one delay of all of them explains what is measured.
+Plans then begin when they arrive.
 """
 
 from collections.abc import Sequence
@@ -11,22 +14,29 @@ from typing import NamedTuple
 import numpy as np
 
 from mpcc_controller.driving import setpoints
-from mpcc_controller.driving.delay_compensation import SetpointRamp, setpoints_at
+from mpcc_controller.driving.delay_compensation import SetpointRamp, setpoints_at, shifted
 from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car
 from mpcc_controller.parameters import CarParams, Limits
-from msgs_yaml.conversions import NS_PER_S
+from msgs_yaml.conversions import NS_PER_S, ns_to_s
 from msgs_yaml.types import Actuators
 
 FAULT = 'actuators.fault'  # in the report
-STEER, FORCE = 'steer', 'force'  # its words
-STEER_RAD = 0.02  # 1 deg: as much as a sensor of the angle may be wrong
+STEER, FORCE, LATE = 'steer', 'force', 'late'  # its words
+STEER_RAD = 0.012  # three standard deviations of a cheap sensor's offset, 4 deg at the wheel
 FORCE_MPS2 = 1.0  # of the mass of the car
 CONFIRM_S, CLEAR_S = 0.18, 1.0  # four ticks in a row; a manoeuvre without a difference
 LAGS, UNANNOUNCED_S = 2.0, 0.05  # set-points that count: of so many lags, and of a delay besides
 UNKNOWN_LAG_S = 0.1  # of a car file without lags
 OLDEST_S = 0.1  # a message that differs more from the state's stamp says nothing
+# delays that are compared, beyond what is known; no fault below LATE_NS, the windows allow for that
+DELAYS_NS = tuple(range(0, 350_000_000, 50_000_000))
+LATE_NS = 100_000_000
+COMPARED = 10  # messages
+# misfits are in units of the thresholds: the least from which delays are told apart, the share of
+# it that a delay leaves which explains it, and the greatest with which a delay is still believed
+LEAST_MISFIT, EXPLAINED, MOST_MISFIT = 0.1, 0.3, 1.0
 # a sticking steering is not asked for more than this beyond where it is: it may come free
 LEAD_RAD = 0.1
 
@@ -38,7 +48,7 @@ class ActuatorCheck(NamedTuple):
     measured: Setpoints
     steer_error: float  # rad beyond the set-points of the last while, 0 within them
     force_error: float  # N, the same
-    faults: tuple[str, ...]  # of STEER, FORCE
+    faults: tuple[str, ...]  # of STEER, FORCE, LATE
 
 
 class Persistence(NamedTuple):
@@ -63,10 +73,12 @@ class ActuatorState(NamedTuple):
     last: Actuators | None = None
     check: ActuatorCheck | None = None  # None where nothing is known of the actuators
     persistences: tuple[Persistence, Persistence] = (Persistence(), Persistence())
+    differences: tuple[np.ndarray, ...] = ()  # of the last messages from what delays expect
+    late_ns: int = 0  # delay of the set-points beyond what is known
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """The actuators that do not follow, of STEER and FORCE."""
+        """What does not follow, of STEER and FORCE, and whether all set-points are LATE."""
         return self.check.faults if self.check else ()
 
     @property
@@ -107,7 +119,7 @@ class ActuatorState(NamedTuple):
         amount or a share, only that leads to the target. A driving force is not asked for beyond
         the plan, steering not further beyond where it is.
         """
-        if not self.faults:
+        if not self.held:
             return target
         delta, Fx, lambda_b = target
         if STEER in self.faults:
@@ -129,11 +141,14 @@ class ActuatorState(NamedTuple):
             return 'the actuators follow their set-points'
         check = self.check
         texts = {
-            STEER: f'steering angle {check.measured.delta:.3f} rad, {check.steer_error:+.3f} rad',
-            FORCE: f'force {check.measured.Fx:.0f} N, {check.force_error:+.0f} N',
+            STEER: f'steering angle {check.measured.delta:.3f} rad, {check.steer_error:+.3f} rad '
+            'beyond what was asked for',
+            FORCE: f'force {check.measured.Fx:.0f} N, {check.force_error:+.0f} N '
+            'beyond what was asked for',
+            LATE: f'set-points arrive {1e3 * ns_to_s(self.late_ns):.0f} ms late',
         }
-        beyond = '; '.join(texts[name] for name in self.faults)
-        return f'actuators do not follow: {beyond} beyond what was asked for; plans begin there'
+        told = '; '.join(texts[name] for name in self.faults)
+        return f'actuators do not follow: {told}; plans begin there'
 
 
 class ActuatorMonitor:
@@ -143,10 +158,12 @@ class ActuatorMonitor:
         lags = (vehicle.actuators.steer_lag_s, vehicle.actuators.force_lag_s)
         # s, of steering and force behind their set-points
         self.lags = tuple(UNKNOWN_LAG_S if lag is None else lag for lag in lags)
+        self._lags_ns = [round(lag * NS_PER_S) for lag in self.lags]
         windows_s = (LAGS * lag + UNANNOUNCED_S for lag in self.lags)
         self._windows_ns = [round(window_s * NS_PER_S) for window_s in windows_s]
         self._thresholds = STEER_RAD, FORCE_MPS2 * vehicle.car.mass_kg
-        self.memory_s = max(self._windows_ns) / NS_PER_S + OLDEST_S  # of set-points
+        longest_ns = max(*self._windows_ns, *(ns + DELAYS_NS[-1] for ns in self._lags_ns))
+        self.memory_s = ns_to_s(longest_ns) + OLDEST_S  # of set-points
 
     def update(
         self,
@@ -175,13 +192,18 @@ class ActuatorMonitor:
             self._error(i, measured[i], known.start, ramps, actuators.stamp_ns)
             for i in range(len(measured))
         ]
+        differences = self._differences(measured, ramps, actuators.stamp_ns + known.late_ns)
+        differences = (*known.differences, differences)[-COMPARED:]
+        late_ns = _delay(differences, known.late_ns)
         persistences = tuple(
             persistence.update(abs(error) > threshold, actuators.stamp_ns)
             for persistence, error, threshold in zip(known.persistences, errors, self._thresholds)
         )
+        if late_ns != known.late_ns:  # compared anew
+            persistences = (Persistence(), Persistence())
         faults = tuple(n for n, fault in zip((STEER, FORCE), persistences) if fault.holds)
-        check = ActuatorCheck(age_s, measured, *errors, faults)
-        return ActuatorState(known.start, actuators, check, persistences)
+        check = ActuatorCheck(age_s, measured, *errors, faults + (LATE,) * bool(late_ns))
+        return ActuatorState(known.start, actuators, check, persistences, differences, late_ns)
 
     def _error(self, i, measured, start, ramps, stamp_ns):
         """Return by how much a measured value is beyond the set-points of the last while."""
@@ -192,6 +214,31 @@ class ActuatorMonitor:
         if start is not None and since_ns <= start.stamp_ns:
             values.append(Setpoints(start.delta, start.Fxf + start.Fxr)[i])
         return measured - min(max(measured, min(values)), max(values))
+
+
+    def _differences(self, measured, ramps, stamp_ns):
+        """Return what a measurement is off by, in thresholds, by delay and actuator, (7, 2)."""
+        expected = [
+            [setpoints_at(ramps, stamp_ns - delay_ns - lag_ns)[0][i] for delay_ns in DELAYS_NS]
+            for i, lag_ns in enumerate(self._lags_ns)
+        ]
+        return (np.array(measured) - np.transpose(expected)) / self._thresholds
+
+
+def _delay(differences, late_ns):
+    """Return the delay [ns] that explains the last measurements, `late_ns` where none is better.
+
+    What is off by an amount that stays is not late. The longest delay explains nothing: an actuator
+    that does not move fits it best.
+    """
+    misfits = np.sqrt(np.var(differences, axis=0).sum(axis=1))
+    # while set-points stay delays explain them alike
+    best = int(np.argmax(misfits <= 2.0 * min(misfits)))
+    now = DELAYS_NS.index(late_ns)
+    enough = EXPLAINED * min(misfits[now], misfits[-1])
+    if misfits[now] > LEAST_MISFIT and misfits[best] < enough:
+        return DELAYS_NS[best] if DELAYS_NS[best] >= LATE_NS else 0
+    return late_ns if misfits[now] < MOST_MISFIT else 0
 
 
 def _is_recent(actuators, state_ns):

@@ -250,7 +250,8 @@ class Controller:
         None for a step without a plan, and after an exception inside, which is counted in `errors`.
         """
         try:
-            return stop_plan.stop_plan(record, self.car, self.params, self.parts.command_ns)
+            command_ns = self.memory.command_ns(self.parts.command_ns)
+            return stop_plan.stop_plan(record, self.car, self.params, command_ns)
         except Exception as error:
             self.errors.add(error)
             return None

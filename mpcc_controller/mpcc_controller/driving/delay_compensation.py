@@ -64,6 +64,13 @@ def constant_ramp(setpoints: Setpoints, lambda_b: float) -> SetpointRamp:
     return SetpointRamp(0, setpoints, 0, setpoints, lambda_b)
 
 
+def shifted(ramps: Sequence[SetpointRamp], by_ns: int) -> tuple[SetpointRamp, ...]:
+    """Return ramps that act so much later."""
+    return tuple(
+        ramp._replace(begin_ns=ramp.begin_ns + by_ns, end_ns=ramp.end_ns + by_ns) for ramp in ramps
+    )
+
+
 def still_needed(ramps: Sequence[SetpointRamp], from_ns: int) -> tuple[SetpointRamp, ...]:
     """Return the ramps that hold at an instant or later: each ends where the next one begins."""
     ended = sum(following.begin_ns <= from_ns for following in ramps[1:])

@@ -107,6 +107,10 @@ class Memory:
         """The set-points of the last command over time."""
         return self.ramps[-1]
 
+    def command_ns(self, known_ns: int) -> int:
+        """Return the delay of commands: what is known of it, and what was found besides."""
+        return known_ns + self.actuators.late_ns
+
 
 def unknown_state(stamp_ns: int) -> VehicleState:
     """Return a state of which only the stamp is known; every other field is NaN."""

@@ -13,8 +13,8 @@ The instants of a tick, with the names that they have here:
 
 `effective_ns` is expected from earlier ticks. In lockstep no time passes while the controller
 computes: `age_s` is 0 and the command takes effect at `stamp_ns`. The next state is measured one
-`model.step_s` after this one. In a car that is known to delay its commands, `effective_ns` and
-`due_ns` are `command_ns` later.
+`model.step_s` after this one. In a car that is known, or was found, to delay its commands,
+`effective_ns` and `due_ns` are `command_ns` later.
 
 Three cars appear: the `measured` state, at `stamp_ns`; the `predicted` state, at `effective_ns`,
 from which the tick plans; and the `modelled` car, the parameters of the prediction model with the
@@ -43,6 +43,7 @@ from mpcc_controller.driving.delay_compensation import (
     SetpointRamp,
     expected_delay,
     predict,
+    shifted,
     still_needed,
 )
 from mpcc_controller.driving.fallback import BRAKING, RECOVERY, Decision
@@ -154,10 +155,10 @@ def brake_after_error(
     command = last_resort.braking_command(
         measured, memory.last, points, modelled, limits, params.braking, params.model.step_s
     )
-    effective_ns = inputs.effective_ns
+    effective_ns, command_ns = inputs.effective_ns, memory.command_ns(parts.command_ns)
     if effective_ns is None:
-        effective_ns = measured.stamp_ns + parts.command_ns
-    due_ns = max(measured.stamp_ns + parts.command_ns + step_ns, effective_ns)
+        effective_ns = measured.stamp_ns + command_ns
+    due_ns = max(measured.stamp_ns + command_ns + step_ns, effective_ns)
     force, active = command.Fxf + command.Fxr, memory.ramps[-1]
     share = command.Fxf / force if force < 0 else active.lambda_b
     ramp = SetpointRamp(effective_ns, active.end, due_ns, Setpoints(command.delta, force), share)
@@ -195,15 +196,21 @@ def _sense(
     params, truth = parts.params, inputs.state
     measured = measurement_errors.measured_state(truth, params.measurement_errors)
     stamp_ns, effective_ns = measured.stamp_ns, inputs.effective_ns
+    # actuators, and the ramps that act
+    actuators = parts.actuators.update(memory.actuators, inputs.actuators, memory.ramps, stamp_ns)
+    if actuators.late_ns != memory.actuators.late_ns:
+        later_ns = actuators.late_ns - memory.actuators.late_ns
+        memory = replace(memory, ramps=shifted(memory.ramps, later_ns))
+    memory = replace(memory, actuators=actuators)
+    command_ns = memory.command_ns(parts.command_ns)
     if effective_ns is None:  # not known: when it is expected
-        effective_ns = at_once_ns = stamp_ns + parts.command_ns
+        effective_ns = at_once_ns = stamp_ns + command_ns
         if parts.limit_time:
             delay_s = expected_delay(memory.computing_s, inputs.age_s, params.delay)
             # a state may be a little early: the actuators reach the last set-point first
             earliest = max(add_seconds(at_once_ns, delay_s), memory.ramp.end_ns)
             effective_ns = min(earliest, add_seconds(at_once_ns, params.delay.longest_s))
-    # actuators, and the ramps that act; then the friction, and the velocities
-    actuators = parts.actuators.update(memory.actuators, inputs.actuators, memory.ramps, stamp_ns)
+    # the friction, and the velocities
     ramps, belief = actuators.acting(memory.ramps), None
     if parts.friction is not None:
         friction = parts.friction.update(memory.friction, measured, ramps)
@@ -213,7 +220,7 @@ def _sense(
     tracks = obstacle_prediction.observe(memory.tracks, scene, truth, stamp_ns, params)
     modelled = parts.model.car_on(memory.believed)
     # without a delay of commands the states between two effects are under the last ramp alone
-    begin, acting, known = measured, ramps if parts.command_ns else ramps[-1:], memory.known
+    begin, acting, known = measured, ramps if command_ns else ramps[-1:], memory.known
     if np.all(np.isfinite(measured)):
         known = measured
     elif known is not None:  # predicted from, while not older than a plan may be to steer along
@@ -223,7 +230,7 @@ def _sense(
         else:
             known = None
     predicted = predict(begin, acting, effective_ns, modelled)
-    memory = replace(memory, actuators=actuators, tracks=tracks, known=known)
+    memory = replace(memory, tracks=tracks, known=known)
     now = Now(
         measured,
         predicted,
@@ -314,7 +321,8 @@ def _act(
 def _remember(memory: Memory, command: Command, decision, effective_ns, rejections, parts: Parts):
     """Return the memory with a command that is sent."""
     step_s, modelled = parts.params.model.step_s, parts.model.car_on(memory.believed)
-    due_ns = max(add_seconds(command.stamp_ns, step_s) + parts.command_ns, effective_ns)
+    command_ns = memory.command_ns(parts.command_ns)
+    due_ns = max(add_seconds(command.stamp_ns, step_s) + command_ns, effective_ns)
     end, lambda_b = setpoints.setpoints_of(command, modelled)
     ramp = SetpointRamp(effective_ns, memory.ramp.end, due_ns, end, lambda_b)
     # The next tick predicts from a later state, or from the last one that was known. Actuators and
