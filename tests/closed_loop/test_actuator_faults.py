@@ -97,21 +97,34 @@ def test_the_report_ends_when_the_steering_comes_free():
 
 
 @pytest.mark.parametrize(
-    ('scenario', 'fault', 'plant'),
-    [('closed_road', WEAK_BRAKES, Simulator), (DOUBLE, {}, DriverBrakes)],
+    ('scenario', 'controller', 'fault', 'plant', 'reported'),
+    [
+        ('closed_road', 'mpcc', WEAK_BRAKES, Simulator, 'force'),
+        (DOUBLE, 'mpcc', {}, DriverBrakes, 'force'),
+        ('closed_road', 'mpcc_road', {'delay_ms': 150}, Simulator, 'late'),
+    ],
 )
 def test_it_survives_what_it_does_not_survive_without_comparing(
-    monkeypatch, scenario, fault, plant
+    monkeypatch, scenario, controller, fault, plant, reported
 ):
     monkeypatch.setattr(simulation, 'Simulator', plant)
-    comparing = drive_faulty(scenario, 'mpcc', **fault)
-    assert 'force' in faults(comparing)
+    comparing = drive_faulty(scenario, controller, **fault)
+    assert reported in faults(comparing)
     assert comparing.metrics['survived']
     step = Controller.step
     monkeypatch.setattr(Controller, 'step', lambda self, x: step(self, x._replace(actuators=None)))
-    blind = drive_faulty(scenario, 'mpcc', **fault)
+    blind = drive_faulty(scenario, controller, **fault)
     assert not any(faults(blind))
     assert not blind.metrics['survived']
+
+
+def test_how_late_set_points_are_is_reported_from_the_first_small_movements_on():
+    late = drive_faulty('pop_up', 'mpcc_road', delay_ms=150)
+    found = faults(late).index('late')
+    assert found * TICK_S < 1.5
+    assert {report.get('actuators.late_ms') for report in late.reports[found:]} == {150.0}
+    lead_ms = [report['time.lead_ms'] for report in late.reports]
+    assert lead_ms == [0.0] * found + [150.0] * (len(lead_ms) - found)
 
 
 @pytest.mark.usefixtures('dds')

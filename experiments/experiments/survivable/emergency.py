@@ -1,8 +1,9 @@
 """An emergency: the instant from which a driver may act, and what happens around the car.
 
 Until then the controller of the setup drives, without knowing what is to come. The fair instant is
-the first one at which an obstacle is seen; with full preview it is the start of the run. From
-then on a pilot knows all that will happen, and the car is the plant itself.
+the first one at which an obstacle is seen and a fault of the actuators, if there is one, has begun;
+with full preview it is the start of the run. From then on a pilot knows all that will happen, and
+the car is the plant itself.
 """
 
 import copy
@@ -121,20 +122,31 @@ class Emergency:
         t = self._since_start(stamp_ns)
         return scenario.obstacles_at(self.setup.scn, t, stamp_ns, (car.X, car.Y))
 
+    def _is_due(self):
+        """Return whether there is all that a driver can react to."""
+        faults = self.setup.faults
+        begins_s = (faults and faults.from_s) or 0.0
+        return self._since_start(self.car.stamp_ns) >= begins_s and bool(self._seen().items)
+
     def _drive_on(self):
-        """Let the controller drive until an obstacle is present."""
+        """Let the controller drive until a driver can react."""
         setup = self.setup
-        if not setup.scn.actors or self._seen().items:
+        if not setup.scn.actors or self._is_due():
             return
         controller = simulation.make_controller(setup, self.car)
-        while not self._seen().items:
-            controller.set_obstacles(Obstacles(self.car.stamp_ns, ()))
+        while not self._is_due():
+            obstacles = self._seen()
+            controller.set_obstacles(obstacles)
+            if setup.scn.predicts:
+                t = self._since_start(self.car.stamp_ns)
+                controller.set_predictions(scenario.predictions_at(setup.scn, t, obstacles))
             state = conversions.odometry_as_received(self.car.state)
             inputs = TickInputs(state, actuators=self.car.actuators)
             before = self.car.fork(), copy.copy(self._end)
             self._commands.append(controller.step(inputs).command)
             self._tracks.append(self.car.advance(self._commands[-1], TICK_STEPS))
-            if self._end.check(self._tracks[-1]):  # over before anything appeared
+            if self._end.check(self._tracks[-1]):  # over before
                 self.car, self._end = before
                 self._tracks.pop(), self._commands.pop()
                 return
+            controller.prepare()

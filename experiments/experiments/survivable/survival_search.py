@@ -70,7 +70,8 @@ def survivable(
     budget   rollouts after which it stays undecided
     seed     of the search; the same arguments give the same verdict
     preview  the driver may act from the start of the run; otherwise from the first instant at which
-             an obstacle is present, with the car as the setup's controller has driven it
+             an obstacle is present and a fault of the actuators has begun, with the car as the
+             setup's controller has driven it
     drivers  MPCCs for the first stage, by default that of the setup
     """
     emergency = Emergency(setup, preview)

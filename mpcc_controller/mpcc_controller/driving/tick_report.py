@@ -92,6 +92,8 @@ class TickReporter:
             values['actuators.force_error_n'] = check.force_error
         if check is not None and check.faults:
             values[FAULT] = '+'.join(check.faults)
+        if check is not None and check.late_ns:
+            values['actuators.late_ms'] = 1e3 * ns_to_s(check.late_ns)
         if record.resumed:
             values[RESUMED] = True
         # obstacles that the problem has no room for

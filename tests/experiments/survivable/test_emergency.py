@@ -1,11 +1,14 @@
 """The instant of action, and what is driven from it."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from experiments import simulation
 from experiments.survivable.emergency import Emergency
 from msgs_yaml.types import Command
+from vehicle_plant.car import FaultParams
 
 POP_UP = {'x_m': 60.0, 'y_m': 0.5, 'radius_m': 0.8, 'appears_at_s': 1.02}
 
@@ -25,6 +28,15 @@ def test_the_driver_acts_from_the_first_tick_with_an_obstacle_on(setup):
     assert emergency.time_s == pytest.approx(1.05)
     assert len(emergency.obstacles_at(emergency.start_ns).items) == 1
     assert not emergency.obstacles_at(emergency.start_ns - 50_000_000).items
+
+
+def test_nor_before_a_fault_of_the_actuators_begins(setup):
+    faults = FaultParams(**dict.fromkeys(FaultParams.__annotations__))
+    sticks = dataclasses.replace(faults, steer_stuck=True, from_s=1.4)
+    emergency = Emergency(setup._replace(faults=sticks))
+    assert emergency.time_s == pytest.approx(1.4)
+    # the controller has seen the obstacle, and brakes or turns
+    assert abs(emergency.car.actuators.delta) > 0.002
 
 
 def test_until_then_the_car_is_driven_as_in_any_run(setup):

@@ -9,13 +9,14 @@ import pytest
 from mpcc_controller.driving.actuator_monitor import (
     FAULT,
     FORCE,
+    LATE,
     LEAD_RAD,
     STEER,
     STEER_RAD,
     ActuatorMonitor,
     ActuatorState,
 )
-from mpcc_controller.driving.delay_compensation import SetpointRamp, constant_ramp
+from mpcc_controller.driving.delay_compensation import SetpointRamp, constant_ramp, shifted
 from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
 from msgs_yaml.types import Actuators
@@ -53,8 +54,9 @@ class Watch:
     def __init__(self, vehicle, start=None):
         self.monitor, self.state = ActuatorMonitor(vehicle), ActuatorState(start)
 
-    def update(self, *arguments):
-        self.state = self.monitor.update(self.state, *arguments)
+    def update(self, actuators, ramps, state_ns):
+        ramps = shifted(ramps, self.state.late_ns)
+        self.state = self.monitor.update(self.state, actuators, ramps, state_ns)
         return self.state.check
 
     def watch(self, position_at, ticks, ramps=AT_REST):
@@ -65,29 +67,68 @@ class Watch:
         ]
 
 
-@pytest.mark.parametrize('delay_ms', [0, 60, 100])
-@pytest.mark.parametrize('damping', [0.7, 2.0])
-def test_no_lag_and_no_short_delay_of_any_manoeuvre_is_a_fault(vehicle, delay_ms, damping):
-    """Set-points at the greatest rates, with reversals, held and left again."""
+def manoeuvres():
+    """Return set-points every tick: at the greatest rates, with reversals, held and left again."""
     rng, limits = np.random.default_rng(7), [0.47, 17e3]
     for _ in range(5):
         directions = np.repeat(rng.integers(-1, 2, (20, 2)), rng.integers(1, 9, 20), axis=0)
         points = [REST]
         for move in directions * [0.524 * TICK_S, 40e3 * TICK_S]:
             points.append(Setpoints(*np.clip(points[-1] + move, np.negative(limits), limits)))
-        ramps = [*AT_REST]
-        for k, (begin, end) in enumerate(itertools.pairwise(points)):
-            ramps.append(SetpointRamp(k * TICK, begin, (k + 1) * TICK, end, 0.6))
-        t = np.arange(0, (len(points) - 1) * TICK_S, MS_S)
-        knots = TICK_S * np.arange(len(points))
-        lags = vehicle.actuators.steer_lag_s, vehicle.actuators.force_lag_s
-        at_ticks = np.transpose([
-            follow(np.interp(t - delay_ms * MS_S, knots, column), lag, damping)[::50]
-            for lag, column in zip(lags, np.transpose(points))
-        ])  # fmt: skip
-        checks = Watch(vehicle).watch(at_ticks.__getitem__, len(at_ticks), ramps)
-        assert not any(check.faults for check in checks)
-        assert max(abs(check.steer_error) for check in checks) < (0.3 + delay_ms / 60) * STEER_RAD
+        yield points
+
+
+def watch_delayed(vehicle, points, delay_ms, damping):
+    """Return the watch after every tick of servos that follow set-points late."""
+    ramps = [*AT_REST]
+    for k, (begin, end) in enumerate(itertools.pairwise(points)):
+        ramps.append(SetpointRamp(k * TICK, begin, (k + 1) * TICK, end, 0.6))
+    t = np.arange(0, (len(points) - 1) * TICK_S, MS_S)
+    knots = TICK_S * np.arange(len(points))
+    lags = vehicle.actuators.steer_lag_s, vehicle.actuators.force_lag_s
+    at_ticks = np.transpose([
+        follow(np.interp(t - delay_ms * MS_S, knots, column), lag, damping)[::50]
+        for lag, column in zip(lags, np.transpose(points))
+    ])  # fmt: skip
+    watch = Watch(vehicle)
+    for k, position in enumerate(at_ticks):
+        watch.update(message(k * TICK, *position), ramps[: k + 1], k * TICK)
+        yield watch.state
+
+
+@pytest.mark.parametrize('delay_ms', [0, 60])
+@pytest.mark.parametrize('damping', [0.7, 2.0])
+def test_no_lag_and_no_short_delay_of_any_manoeuvre_is_a_fault(vehicle, delay_ms, damping):
+    for points in manoeuvres():
+        for state in watch_delayed(vehicle, points, delay_ms, damping):
+            assert not state.faults
+            assert abs(state.check.steer_error) < (0.5 + delay_ms / 60) * STEER_RAD
+
+
+@pytest.mark.parametrize('delay_ms', [100, 150, 200, 250])
+@pytest.mark.parametrize('damping', [0.7, 2.0])
+def test_a_longer_delay_is_found_and_is_then_no_fault_of_an_actuator(vehicle, delay_ms, damping):
+    for points in manoeuvres():
+        states = [*watch_delayed(vehicle, points, delay_ms, damping)]
+        moves = next(k for k, point in enumerate(points) if point != REST)
+        found = next(k for k, state in enumerate(states) if LATE in state.faults)
+        # a movement must have been seen to arrive before it is known how late
+        assert found - moves <= (delay_ms + 300) / 50
+        for state in states[found:]:
+            assert (state.late_ns, state.faults) == (delay_ms * MS, (LATE,))
+        assert f'{delay_ms} ms late' in states[-1].describe()
+
+
+def test_a_steering_that_does_not_move_is_not_late(vehicle):
+    watch = Watch(vehicle)
+    ramps = [
+        SetpointRamp(
+            k * TICK, Setpoints(0.02 * k, 0.0), (k + 1) * TICK, Setpoints(0.02 * (k + 1), 0.0), 0.6
+        )
+        for k in range(20)
+    ]
+    checks = watch.watch(lambda k: (0.0, 0.0), 20, ramps)
+    assert {check.faults for check in checks} == {(), (STEER,)}
 
 
 def test_a_difference_is_a_fault_after_four_ticks_and_none_after_a_second(monitor):
