@@ -4,8 +4,8 @@ However an actuator lags, without overshoot it is between the least and the grea
 the last while. One that is beyond these for longer does not do what is asked of it: it sticks, is
 weaker, or somebody else moves it. Plans then begin where it is.
 
-Set-points that arrive late are another fault: one delay of all of them explains what is measured.
-Plans then begin when they arrive.
+Set-points that all arrive late are another fault (`delay_estimate`). Plans then begin when they
+arrive.
 """
 
 from collections.abc import Sequence
@@ -15,6 +15,7 @@ import numpy as np
 
 from mpcc_controller.driving import setpoints
 from mpcc_controller.driving.delay_compensation import SetpointRamp, setpoints_at
+from mpcc_controller.driving.delay_estimate import DelayEstimate, DelayEstimator
 from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car
@@ -30,13 +31,6 @@ CONFIRM_S, CLEAR_S = 0.18, 1.0  # four ticks in a row; a manoeuvre without a dif
 LAGS, UNANNOUNCED_S = 2.0, 0.05  # set-points that count: of so many lags, and of a delay besides
 UNKNOWN_LAG_S = 0.1  # of a car file without lags
 OLDEST_S = 0.1  # a message that differs more from the state's stamp says nothing
-# delays that are compared, beyond what is known; no fault below LATE_NS, the windows allow for that
-DELAYS_NS = tuple(range(0, 350_000_000, 50_000_000))
-LATE_NS = 100_000_000
-COMPARED, REMEMBERED = 10, 20  # messages
-# misfits are in units of the thresholds: the least from which delays are told apart, the share of
-# it that a delay leaves which explains it, and the greatest with which a delay is still believed
-LEAST_MISFIT, EXPLAINED, MOST_MISFIT = 0.3, 0.3, 1.0
 # a sticking steering is not asked for more than this beyond where it is: it may come free
 LEAD_RAD = 0.1
 
@@ -50,15 +44,6 @@ class ActuatorCheck(NamedTuple):
     force_error: float  # N, the same
     faults: tuple[str, ...]  # of STEER, FORCE, LATE
     late_ns: int  # delay of the set-points beyond what is known
-
-
-class Message(NamedTuple):
-    """A message of the actuators, beside what they were asked for."""
-
-    stamp_ns: int
-    asked: Setpoints  # that were due by then
-    measured: Setpoints
-    off: tuple[float, float]  # from the set-points of a lag earlier, in thresholds
 
 
 class Persistence(NamedTuple):
@@ -83,12 +68,7 @@ class ActuatorState(NamedTuple):
     last: Actuators | None = None
     check: ActuatorCheck | None = None  # None where nothing is known of the actuators
     persistences: tuple[Persistence, Persistence] = (Persistence(), Persistence())
-    history: tuple[Message, ...] = ()  # the last ones
-
-    @property
-    def late_ns(self) -> int:
-        """The delay of the set-points beyond what is known."""
-        return self.check.late_ns if self.check else 0
+    delay: DelayEstimate = DelayEstimate()
 
     @property
     def faults(self) -> tuple[str, ...]:
@@ -159,7 +139,7 @@ class ActuatorState(NamedTuple):
             'beyond what was asked for',
             FORCE: f'force {check.measured.Fx:.0f} N, {check.force_error:+.0f} N '
             'beyond what was asked for',
-            LATE: f'set-points arrive {1e3 * ns_to_s(self.late_ns):.0f} ms late',
+            LATE: f'set-points arrive {1e3 * ns_to_s(check.late_ns):.0f} ms late',
         }
         told = '; '.join(texts[name] for name in self.faults)
         return f'actuators do not follow: {told}; plans begin there'
@@ -175,6 +155,7 @@ class ActuatorMonitor:
         windows_s = (LAGS * lag + UNANNOUNCED_S for lag in self.lags)
         self._windows_ns = [round(window_s * NS_PER_S) for window_s in windows_s]
         self._thresholds = STEER_RAD, FORCE_MPS2 * vehicle.car.mass_kg
+        self._delays = DelayEstimator(self.lags, self._thresholds)
         self.memory_s = max(self._windows_ns) / NS_PER_S + OLDEST_S  # of set-points
 
     def update(
@@ -204,18 +185,17 @@ class ActuatorMonitor:
             self._error(i, measured[i], known.start, ramps, actuators.stamp_ns)
             for i in range(len(measured))
         ]
-        message = self._message(measured, ramps, actuators.stamp_ns, known.late_ns)
-        history = (*known.history, message)[-REMEMBERED:]
-        late_ns = self._delay(history, known.late_ns)
+        delay = self._delays.update(known.delay, measured, ramps, actuators.stamp_ns)
         persistences = tuple(
             persistence.update(abs(error) > threshold, actuators.stamp_ns)
             for persistence, error, threshold in zip(known.persistences, errors, self._thresholds)
         )
-        if late_ns != known.late_ns:  # compared anew
+        if delay.late_ns != known.delay.late_ns:  # compared anew
             persistences = (Persistence(), Persistence())
         faults = tuple(n for n, fault in zip((STEER, FORCE), persistences) if fault.holds)
-        check = ActuatorCheck(age_s, measured, *errors, faults + (LATE,) * bool(late_ns), late_ns)
-        return ActuatorState(known.start, actuators, check, persistences, history)
+        faults += (LATE,) * bool(delay.late_ns)
+        check = ActuatorCheck(age_s, measured, *errors, faults, delay.late_ns)
+        return ActuatorState(known.start, actuators, check, persistences, delay)
 
     def _error(self, i, measured, start, ramps, stamp_ns):
         """Return by how much a measured value is beyond the set-points of the last while."""
@@ -226,50 +206,6 @@ class ActuatorMonitor:
         if start is not None and since_ns <= start.stamp_ns:
             values.append(Setpoints(start.delta, start.Fxf + start.Fxr)[i])
         return measured - min(max(measured, min(values)), max(values))
-
-    def _message(self, measured, ramps, stamp_ns, late_ns):
-        asked, _ = setpoints_at(ramps, stamp_ns + late_ns)
-        lagging = (
-            setpoints_at(ramps, stamp_ns - round(lag_s * NS_PER_S))[0][i]
-            for i, lag_s in enumerate(self.lags)
-        )
-        off = ((is_ - to_be) / u for is_, to_be, u in zip(measured, lagging, self._thresholds))
-        return Message(stamp_ns, asked, measured, tuple(off))
-
-    def _delay(self, history, late_ns):
-        """Return the delay [ns] that explains the last messages, `late_ns` where none is better.
-
-        What is off by an amount that stays is not late. The longest delay explains nothing: an
-        actuator that does not move fits it best.
-        """
-        last = history[-COMPARED:]
-        if max(_spread([m.off[0] for m in last]), _spread([m.off[1] for m in last])) < LEAST_MISFIT:
-            return late_ns
-        misfits = self._misfits(history)
-        now = misfits[DELAYS_NS.index(late_ns)]
-        # while set-points stay delays explain them alike
-        best = int(np.argmax(misfits <= 2.0 * min(misfits)))
-        if misfits[best] < EXPLAINED * min(now, misfits[-1]):
-            return DELAYS_NS[best] if DELAYS_NS[best] >= LATE_NS else 0
-        return late_ns if now < MOST_MISFIT else 0
-
-    def _misfits(self, history):
-        """Return the deviation of the last messages from what each delay expects, (7,).
-
-        In thresholds, over both actuators; of each its mean does not count.
-        """
-        stamps_ns = np.array([m.stamp_ns for m in history])
-        squared = np.zeros(len(DELAYS_NS))
-        for i, (lag_s, unit) in enumerate(zip(self.lags, self._thresholds)):
-            at_ns = np.subtract.outer(stamps_ns[-COMPARED:] - round(lag_s * NS_PER_S), DELAYS_NS)
-            expected = np.interp(at_ns, stamps_ns, [m.asked[i] for m in history])
-            measured = np.array([m.measured[i] for m in history[-COMPARED:]])
-            squared += np.var(measured[:, None] - expected, axis=0) / unit**2
-        return np.sqrt(squared)
-
-
-def _spread(values):
-    return max(values) - min(values)
 
 
 def _is_recent(actuators, state_ns):

@@ -109,7 +109,7 @@ class Memory:
 
     def command_ns(self, known_ns: int) -> int:
         """Return the delay of commands: what is known of it, and what was found besides."""
-        return known_ns + self.actuators.late_ns
+        return known_ns + self.actuators.delay.late_ns
 
 
 def unknown_state(stamp_ns: int) -> VehicleState:

@@ -198,8 +198,8 @@ def _sense(
     stamp_ns, effective_ns = measured.stamp_ns, inputs.effective_ns
     # actuators, and the ramps that act
     actuators = parts.actuators.update(memory.actuators, inputs.actuators, memory.ramps, stamp_ns)
-    if actuators.late_ns != memory.actuators.late_ns:
-        later_ns = actuators.late_ns - memory.actuators.late_ns
+    if actuators.delay.late_ns != memory.actuators.delay.late_ns:
+        later_ns = actuators.delay.late_ns - memory.actuators.delay.late_ns
         memory = replace(memory, ramps=shifted(memory.ramps, later_ns))
     memory = replace(memory, actuators=actuators)
     command_ns = memory.command_ns(parts.command_ns)

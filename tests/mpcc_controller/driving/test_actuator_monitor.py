@@ -55,7 +55,7 @@ class Watch:
         self.monitor, self.state = ActuatorMonitor(vehicle), ActuatorState(start)
 
     def update(self, actuators, ramps, state_ns):
-        ramps = shifted(ramps, self.state.late_ns)
+        ramps = shifted(ramps, self.state.delay.late_ns)
         self.state = self.monitor.update(self.state, actuators, ramps, state_ns)
         return self.state.check
 
@@ -115,7 +115,7 @@ def test_a_longer_delay_is_found_and_is_then_no_fault_of_an_actuator(vehicle, de
         # a movement must have been seen to arrive before it is known how late
         assert found - moves <= (delay_ms + 300) / 50
         for state in states[found:]:
-            assert (state.late_ns, state.faults) == (delay_ms * MS, (LATE,))
+            assert (state.delay.late_ns, state.faults) == (delay_ms * MS, (LATE,))
         assert f'{delay_ms} ms late' in states[-1].describe()
 
 
