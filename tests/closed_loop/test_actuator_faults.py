@@ -70,23 +70,33 @@ def faults(driven):
     return [report.get(FAULT, '') for report in driven.reports]
 
 
-@pytest.mark.parametrize(
-    ('scenario', 'controller', 'begins_s'), [(DOUBLE, 'mpcc', 2.5), ('pop_up', 'mpcc_road', 3.0)]
-)
-def test_a_sticking_steering_is_reported_and_planned_with(scenario, controller, begins_s):
-    end_s = begins_s + 1.5
-    stuck = drive_faulty(scenario, controller, end_s, steer_stuck=True, from_s=begins_s)
-    assert begins_s < TICK_S * faults(stuck).index('steer') <= begins_s + 0.5
-    actuators = stuck.columns['/vehicle/actuators']
+def test_plans_begin_where_a_steering_is_that_is_off():
+    off = drive_faulty(DOUBLE, 'mpcc', steer_offset_rad=0.03)
+    actuators = off.columns['/vehicle/actuators']
     steer_of = dict(zip(actuators.stamp_ns.tolist(), actuators.steer_rad.tolist()))
     planned = [
         why
-        for why in stuck.columns['/controller/why'].values
+        for why in off.columns['/controller/why'].values
         if FAULT in why.values and 'set_point.delta' in why.values
     ]
-    assert len(planned) > 15
+    assert len(planned) > 100
     for why in planned:
         assert why.values['set_point.delta'] == steer_of[why.stamp_ns]
+
+
+@pytest.mark.parametrize(
+    ('scenario', 'controller', 'begins_s'), [(DOUBLE, 'mpcc', 2.5), ('pop_up', 'mpcc_road', 3.0)]
+)
+def test_a_sticking_steering_is_reported_and_the_car_stops(scenario, controller, begins_s):
+    end_s = begins_s + 1.5
+    stuck = drive_faulty(scenario, controller, end_s, steer_stuck=True, from_s=begins_s)
+    first = faults(stuck).index('steer')
+    assert begins_s < TICK_S * first <= begins_s + 0.5
+    assert {report['reason'] for report in stuck.reports[first:]} == {'steering_sticks'}
+    odometry = stuck.columns['/vehicle/odometry']
+    begins_s = TICK_S * first + 0.5  # then the brakes have their force
+    early, late = np.interp([begins_s, begins_s + 0.5], odometry.t_s, odometry.vx_mps)
+    assert late == 0.0 or early - late > 0.5 * 6.0
 
 
 def test_the_report_ends_when_the_steering_comes_free():

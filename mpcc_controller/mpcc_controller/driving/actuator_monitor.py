@@ -31,6 +31,9 @@ CONFIRM_S, CLEAR_S = 0.18, 1.0  # four ticks in a row; a manoeuvre without a dif
 LAGS, UNANNOUNCED_S = 2.0, 0.05  # set-points that count: of so many lags, and of a delay besides
 UNKNOWN_LAG_S = 0.1  # of a car file without lags
 OLDEST_S = 0.1  # a message that differs more from the state's stamp says nothing
+# a steering sticks that moves by less than a share of what it was asked for, of at least so much,
+# both in so many messages, however late
+STILL_SHARE, MOVED_RAD, STILL_MESSAGES, LATEST_MESSAGES = 0.1, 0.004, 5, 4
 # a sticking steering is not asked for more than this beyond where it is: it may come free
 LEAD_RAD = 0.1
 
@@ -69,6 +72,7 @@ class ActuatorState(NamedTuple):
     check: ActuatorCheck | None = None  # None where nothing is known of the actuators
     persistences: tuple[Persistence, Persistence] = (Persistence(), Persistence())
     delay: DelayEstimate = DelayEstimate()
+    sticks: bool = False  # whether the steering does not move at all
 
     @property
     def faults(self) -> tuple[str, ...]:
@@ -192,10 +196,11 @@ class ActuatorMonitor:
         )
         if delay.late_ns != known.delay.late_ns:  # compared anew
             persistences = (Persistence(), Persistence())
-        faults = tuple(n for n, fault in zip((STEER, FORCE), persistences) if fault.holds)
-        faults += (LATE,) * bool(delay.late_ns)
+        sticks = _sticks(delay.messages, known.sticks)
+        has = (persistences[0].holds or sticks, persistences[1].holds, bool(delay.late_ns))
+        faults = tuple(name for name, is_so in zip((STEER, FORCE, LATE), has) if is_so)
         check = ActuatorCheck(age_s, measured, *errors, faults, delay.late_ns)
-        return ActuatorState(known.start, actuators, check, persistences, delay)
+        return ActuatorState(known.start, actuators, check, persistences, delay, sticks)
 
     def _error(self, i, measured, start, ramps, stamp_ns):
         """Return by how much a measured value is beyond the set-points of the last while."""
@@ -206,6 +211,20 @@ class ActuatorMonitor:
         if start is not None and since_ns <= start.stamp_ns:
             values.append(Setpoints(start.delta, start.Fxf + start.Fxr)[i])
         return measured - min(max(measured, min(values)), max(values))
+
+
+def _sticks(messages, stuck):
+    """Return whether the steering stays where it is, though it is, or was, asked to move."""
+    measured = [message.measured.delta for message in messages[-STILL_MESSAGES:]]
+    before = messages[-STILL_MESSAGES - LATEST_MESSAGES : -LATEST_MESSAGES]
+    asked = [message.asked.delta for message in before]
+    if len(asked) < STILL_MESSAGES:
+        return False
+    moved_rad = max(measured) - min(measured)
+    if stuck:
+        return moved_rad < STILL_SHARE * MOVED_RAD
+    asked_rad = max(asked) - min(asked)
+    return asked_rad > MOVED_RAD and moved_rad < STILL_SHARE * asked_rad
 
 
 def _is_recent(actuators, state_ns):

@@ -31,15 +31,21 @@ class Point(NamedTuple):
 
 
 def braking_target(
-    x: VehicleState, now: Setpoints, lookahead: Point | None, car: Car, params: ControllerParams
+    x: VehicleState,
+    now: Setpoints,
+    lookahead: Point | None,
+    car: Car,
+    params: ControllerParams,
+    steers: bool = True,
 ) -> SetpointTarget:
     """Return the set-points of one step of braking towards `lookahead`; without one, straight on.
 
     Both set-points respect their rate limits. With a state that is not finite the car brakes
-    straight on, as without lateral motion.
+    straight on, as without lateral motion; so does one that does not steer: what the brakes take of
+    the friction straightens its course.
     """
     limits, step_s = params.limits, params.model.step_s
-    known = all(map(math.isfinite, x))
+    known = steers and all(map(math.isfinite, x))
     max_lateral = params.braking.lateral_use * max_acceleration(car, limits)
     lateral = lateral_acceleration(x, lookahead, max_lateral) if known and lookahead else 0.0
     present = min(abs(x.vx * x.r), max_lateral) if known else 0.0

@@ -23,6 +23,7 @@ friction that is believed.
 
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -65,6 +66,7 @@ MOST_RAMPS = 10  # kept after an error: those of the longest delay
 NOT_FINITE = 'state_not_finite'
 TOO_SLOW = 'too_slow'
 PATH_ENDED = 'path_ended'
+STEERING_STICKS = 'steering_sticks'
 REJECTED = 'command_turned_back'  # by the gate
 STANDS_MPS = 0.3  # a slower car that is to stop is held with the brakes
 
@@ -279,6 +281,8 @@ def _decide(
     stops = not params.limits.least_speed_mps and path.ends_in_stop and predicted.vx > STANDS_MPS
     if not reason and x0.theta > path.length and not stops:
         reason = PATH_ENDED
+    if not reason and memory.actuators.sticks:  # a plan that cannot steer
+        reason = STEERING_STICKS
     if reason:
         return *planner.brake(memory, reason, sliding), x0, None
     memory, decision, attempt = planner.plan(memory, x0, world, modelled, sliding, parts)
@@ -311,6 +315,8 @@ def _act(
             law, braked = recovery.recovery_target, modelled
         else:
             law, braked = braking.braking_target, parts.model.car_to_brake(memory.believed)
+            if memory.actuators.sticks:
+                line, law = braking.NONE, partial(law, steers=False)
         target = law(predicted, start, ahead, braked, parts.params_to_brake)
     sent = memory.ramp.end
     target = memory.actuators.target_from(target, start, sent, modelled, limits, step_s)
