@@ -57,6 +57,13 @@ def test_of_few_fixed_draws_at_most_one_is_lost():
         assert len(lost) <= MOST_LOST, lost
 
 
+def test_before_a_closed_road_the_brakes_stop_the_car_and_not_the_steering():
+    """Of a seed for tuning: with the friction that is believed at first it could not stop."""
+    row = Row('closed_road:36', CONTROLLER, seed=650)
+    results = drive_row.drive(drive_row.prepare(row))
+    assert (results['survived'], results['stopped']) == (True, True)
+
+
 def survival(folder, draws, seed):
     """Drive the first draws of every family; return the family of each and whether it survived."""
     options = ['--draws', str(draws), '--seed', str(seed), '--controller', CONTROLLER]

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mpcc_controller.driving import guesses, ways
+from mpcc_controller.driving.braking import max_acceleration
 from mpcc_controller.driving.fallback import rejection_reason
 from mpcc_controller.driving.prediction_model import PredictionModel, TickProblem
 from mpcc_controller.driving.ways import BEHIND, RoadAhead, Sides, are_opposed, is_same_way
@@ -44,7 +45,7 @@ MOST_DOUBLINGS = 2
 DEAR, RESTS = 1.5, 2
 NEW_GUESSES = 2  # per tick: they take the most iterations, and on two cores others would wait
 MOST_NAMES = 64  # whose useless attempts are counted, the last ones
-SLACK, VX = Input._fields.index('slack'), State._fields.index('vx')
+SLACK, VX, FX = Input._fields.index('slack'), *map(State._fields.index, ('vx', 'Fx'))
 
 
 class Candidate(NamedTuple):
@@ -326,18 +327,36 @@ def follow(
 
 
 def is_braking_better(
-    plan: Plan, x0: State, guess: Plan, scene: Scene, car: Car, params: ControllerParams
+    plan: Plan,
+    x0: State,
+    guess: Plan,
+    scene: Scene,
+    car: Car,
+    probing: Car,
+    params: ControllerParams,
 ) -> bool:
-    """Return whether a plan runs into an obstacle that braking to a stop does not, or slower.
+    """Return whether to brake to a stop along `guess` rather than drive a plan.
 
-    Braking is along `guess`. A plan cannot stop: its least speed is `limits.least_speed_mps`.
+    It is better where a plan runs into an obstacle that braking does not, or slower: a plan cannot
+    stop, its least speed is `limits.least_speed_mps`. So it is where a plan that passes nothing
+    brakes with all friction of `car`, which is believed, and avoids an obstacle only by steering,
+    too: the model loses speed by that, tyres do not. The car brakes with the friction of `probing`.
     """
+
+    def contact_speed(line, with_car):
+        stop = guesses.braking(line, x0, with_car, params, floor=0.0)
+        return ways.contact_speed(stop.X, scene, params)
+
+    brakes = np.min(plan.X[:, FX]) <= -car.m * max_acceleration(car, params.limits)
+    if brakes and not any(ways.passed_sides(plan.X, scene, scene.obstacles.items, params).values()):
+        # twice the horizon: until it stands, and who comes reaches it
+        line = np.vstack((guess.X, np.repeat(guess.X[-1:], len(guess.X), axis=0)))
+        if contact_speed(line, probing) < MUCH_SLOWER * contact_speed(line, car):
+            return True
     planned = ways.contact_speed(plan.X, scene, params)
     if planned == 0:
         return False
-    stop = guesses.braking(guess.X, x0, car, params, floor=0.0)
-    braked = ways.contact_speed(stop.X, scene, params)
-    overlap = -_least_gap(plan.X, scene, params)
+    braked, overlap = contact_speed(guess.X, car), -_least_gap(plan.X, scene, params)
     # a plan through an obstacle goes on there: braking is better even at the same speed
     return braked <= (planned if overlap > THROUGH_M else MUCH_SLOWER * planned)
 

@@ -79,7 +79,8 @@ def plan(
 
     def objection(plan):
         touches = around is not None and not sliding
-        touches = touches and choose.is_braking_better(plan, x0, guess, scene, car, params)
+        cars = car, model.car_to_brake(memory.believed)
+        touches = touches and choose.is_braking_better(plan, x0, guess, scene, *cars, params)
         return PLAN_TOUCHES if touches else ''
 
     plans, decision = plans.decide(params.fallback, solution, shifted, sliding, objection)
