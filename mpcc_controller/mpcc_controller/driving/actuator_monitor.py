@@ -31,9 +31,9 @@ CONFIRM_S, CLEAR_S = 0.18, 1.0  # four ticks in a row; a manoeuvre without a dif
 LAGS, UNANNOUNCED_S = 2.0, 0.05  # set-points that count: of so many lags, and of a delay besides
 UNKNOWN_LAG_S = 0.1  # of a car file without lags
 OLDEST_S = 0.1  # a message that differs more from the state's stamp says nothing
-# a steering sticks that moves by less than a share of what it was asked for, of at least so much,
-# both in so many messages, however late
-STILL_SHARE, MOVED_RAD, STILL_MESSAGES, LATEST_MESSAGES = 0.1, 0.004, 5, 4
+# a steering sticks that moves by less than a share of what it is asked for, of at least so much, in
+# so many messages; and what it was asked for up to so many messages earlier: it is not only late
+STILL_SHARE, MOVED_RAD, STILL_MESSAGES, LATEST, LAGGING = 0.1, 0.004, 5, 6, 2
 # a sticking steering is not asked for more than this beyond where it is: it may come free
 LEAD_RAD = 0.1
 
@@ -196,7 +196,7 @@ class ActuatorMonitor:
         )
         if delay.late_ns != known.delay.late_ns:  # compared anew
             persistences = (Persistence(), Persistence())
-        sticks = _sticks(delay.messages, known.sticks)
+        sticks = _sticks(delay.messages, persistences[0].holds, known.sticks)
         has = (persistences[0].holds or sticks, persistences[1].holds, bool(delay.late_ns))
         faults = tuple(name for name, is_so in zip((STEER, FORCE, LATE), has) if is_so)
         check = ActuatorCheck(age_s, measured, *errors, faults, delay.late_ns)
@@ -213,18 +213,27 @@ class ActuatorMonitor:
         return measured - min(max(measured, min(values)), max(values))
 
 
-def _sticks(messages, stuck):
-    """Return whether the steering stays where it is, though it is, or was, asked to move."""
-    measured = [message.measured.delta for message in messages[-STILL_MESSAGES:]]
-    before = messages[-STILL_MESSAGES - LATEST_MESSAGES : -LATEST_MESSAGES]
-    asked = [message.asked.delta for message in before]
-    if len(asked) < STILL_MESSAGES:
-        return False
-    moved_rad = max(measured) - min(measured)
+def _sticks(messages, is_off, stuck):
+    """Return whether the steering stays where it is, though it is, or was, asked to move.
+
+    What follows with a delay stays as long as the set-points did earlier. One that `is_off` is not
+    late beside its lag.
+    """
+    measured, asked = ([getattr(m, of).delta for m in messages] for of in ('measured', 'asked'))
+    moved_rad = _range(measured[-STILL_MESSAGES:])
     if stuck:
         return moved_rad < STILL_SHARE * MOVED_RAD
-    asked_rad = max(asked) - min(asked)
+    latest = LAGGING if is_off else LATEST
+    if len(messages) < STILL_MESSAGES + latest:
+        return False
+    # one less than measured: a delay may end between two messages
+    ends = range(len(asked) - latest, len(asked) + 1)
+    asked_rad = min(_range(asked[end - STILL_MESSAGES + 1 : end]) for end in ends)
     return asked_rad > MOVED_RAD and moved_rad < STILL_SHARE * asked_rad
+
+
+def _range(values):
+    return max(values) - min(values)
 
 
 def _is_recent(actuators, state_ns):

@@ -119,7 +119,7 @@ def test_a_longer_delay_is_found_and_is_then_no_fault_of_an_actuator(vehicle, de
         assert f'{delay_ms} ms late' in states[-1].describe()
 
 
-def test_a_steering_that_does_not_move_is_not_late(vehicle):
+def test_a_steering_that_does_not_move_sticks_until_it_moves_and_is_not_late(vehicle):
     watch = Watch(vehicle)
     ramps = [
         SetpointRamp(
@@ -128,7 +128,10 @@ def test_a_steering_that_does_not_move_is_not_late(vehicle):
         for k in range(20)
     ]
     checks = watch.watch(lambda k: (0.0, 0.0), 20, ramps)
-    assert {check.faults for check in checks} == {(), (STEER,)}
+    assert [check.faults for check in checks] == [()] * 7 + [(STEER,)] * 13
+    assert watch.state.sticks
+    watch.update(message(20 * TICK, 0.001), ramps, 20 * TICK)
+    assert not watch.state.sticks
 
 
 def test_a_difference_is_a_fault_after_four_ticks_and_none_after_a_second(monitor):
