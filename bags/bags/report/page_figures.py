@@ -171,14 +171,16 @@ def plot_panel(
     for run, stamp_ns, column in drawn:
         chosen = decimate(column, BINS)
         at_ns = stamp_ns[chosen]
-        line = _since(run, at_ns), run.station_at(at_ns), column[chosen]
-        lines.append(_plot_curve(plot, run, *line))
+        columns = {'time': _since(run, at_ns), 'station': run.station_at(at_ns)}
+        columns['value'] = column[chosen]
+        lines.append(_line(plot, run, ('time', 'value'), columns, CURVE))
     for overlay in laid:
         column = overlay.signals[panel.name]
         unknown = np.full(len(column), np.nan)
-        places = (overlay.axes.get(axis) for axis in (TIME, STATION))
-        places = (unknown if place is None else place for place in places)
-        lines.append(_plot_curve(plot, overlay, *places, column))
+        axes = (('time', TIME), ('station', STATION))
+        columns = {name: overlay.axes.get(axis, unknown) for name, axis in axes}
+        columns['value'] = column
+        lines.append(_line(plot, overlay, ('time', 'value'), columns, CURVE))
     where = [('run', '$name'), (panel.axis, '@value{0.000}'), ('time', '@time{0.000} s')]
     where.append(('station', '@station{0.0} m'))
     plot.add_tools(HoverTool(renderers=lines, tooltips=where, mode='vline'))
@@ -188,10 +190,11 @@ def plot_panel(
     return plot
 
 
-def _plot_curve(plot, run, time, station, value):
-    source = ColumnDataSource(_float32(time=time, station=station, value=value))
-    line = plot.line('time', 'value', source=source, name=run.name, **_line_look(run))
-    return _tag_run(run, line, CURVE)
+def _line(plot, run, axes, columns, *tags):
+    """Draw two of the columns of a run, or of an overlay; return the line."""
+    source = ColumnDataSource(_float32(**columns))
+    line = plot.line(*axes, source=source, name=run.name, **_line_look(run))
+    return _tag_run(run, line, *tags)
 
 
 def plot_gg(runs: Sequence[EvaluatedDrive]) -> figure:
@@ -205,9 +208,8 @@ def plot_gg(runs: Sequence[EvaluatedDrive]) -> figure:
     for run in runs:
         acc = run.drive.accelerations
         chosen = np.union1d(decimate(acc.ax, BINS), decimate(acc.ay, BINS))
-        time = _since(run, acc.stamp_ns[chosen])
-        source = ColumnDataSource(_float32(x=acc.ay[chosen], y=acc.ax[chosen], time=time))
-        line = _tag_run(run, plot.line('x', 'y', source=source, **_line_look(run)))
+        columns = {'x': acc.ay, 'y': acc.ax, 'time': _since(run, acc.stamp_ns)}
+        line = _line(plot, run, ('x', 'y'), {name: c[chosen] for name, c in columns.items()})
         tips = [('run', run.name), ('a_y', '@x{0.00}'), ('a_x', '@y{0.00}')]
         tips.append(('time', '@time{0.00} s'))
         plot.add_tools(HoverTool(renderers=[line], tooltips=tips))
@@ -341,16 +343,14 @@ def build_top_view(
         motion = run.drive.motion
         chosen = np.union1d(decimate(motion.y, BINS), decimate(motion.x, BINS))
         columns = {'x': motion.x, 'y': motion.y, 'time': run.series.t, 'speed': run.series.speed}
-        source = ColumnDataSource(_float32(**{name: c[chosen] for name, c in columns.items()}))
-        line = _tag_run(run, plot.line('x', 'y', source=source, **_line_look(run)))
+        line = _line(plot, run, ('x', 'y'), {name: c[chosen] for name, c in columns.items()})
         line.glyph.line_alpha = 0.6
         tips = [('run', run.name), ('time', '@time{0.00} s'), ('speed', '@speed{0.0} m/s')]
         plot.add_tools(HoverTool(renderers=[line], tooltips=tips))
     for overlay in overlays:
         path = overlay.path()
         if path is not None:
-            source = ColumnDataSource(_float32(x=path[:, 0], y=path[:, 1]))
-            _tag_run(overlay, plot.line('x', 'y', source=source, **_line_look(overlay)))
+            _line(plot, overlay, ('x', 'y'), {'x': path[:, 0], 'y': path[:, 1]})
     moving = [_moving(plot, run, t) for run in runs]
     return {'plot': plot, 'obstacles': still, 'places': places, 'runs': moving}
 
