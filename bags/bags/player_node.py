@@ -15,7 +15,6 @@ import termios
 import time
 import traceback
 import tty
-import warnings
 from collections.abc import Collection
 from importlib import import_module
 from threading import Thread
@@ -24,7 +23,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from rclpy.node import Node
 
-from bags.errors import BagError, DamagedBagWarning
+from bags.errors import BagError
 from bags.storage import read
 from bags.storage.rosbag2_metadata import DEPTH, BagTopic, parse_qos, qos_text
 from msgs_yaml import encode, share
@@ -225,10 +224,7 @@ class PlayerNode(Node):
         names = ('start_s', 'duration_s', 'topics', 'clock_hz')
         part = {name: getattr(self.params, name) for name in names}
         try:
-            with warnings.catch_warnings():
-                # logged below
-                warnings.simplefilter('ignore', DamagedBagWarning)
-                self.bag = read.load(self.params.bag)
+            self.bag = read.load(self.params.bag, warn=False)  # logged below
             self.playlist = build_playlist(self.bag, **part)
         except BagError as error:
             raise ParameterError(f'bag: {error}') from error

@@ -281,9 +281,7 @@ def load(path: str | os.PathLike[str], label: str = '') -> Run:
 
 def load_quietly(path: str | os.PathLike[str], label: str = '') -> Run:
     """Read a recording as `load` does; what was left out is in `Run.faults`, without a warning."""
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore', DamagedBagWarning)
-        bag = drop_invalid(read.load(Path(path)))
+    bag = drop_invalid(read.load(Path(path), warn=False))
     return Run(
         read.columns(bag),
         str(bag.path),

@@ -112,6 +112,13 @@ class Field(Struct):
             yield (), 'value needs a column'
 
 
+class Column(Struct):
+    """What is in a column of the table of a recording, or in all columns of its members."""
+
+    meaning: _Text
+    unit: str = ''  # by default that of the fields with this column
+
+
 class Size(NamedTuple):
     """Least and most elements of an array."""
 
@@ -131,10 +138,14 @@ class _Topic(Struct):
     qos: dict[Literal[MODES], str]
     fields: dict[str, Field] = field(default_factory=dict)
     sizes: dict[str, tuple[_Count, _Count]] = field(default_factory=dict)
+    columns: dict[str, Column] = field(default_factory=dict)
     held_s: Annotated[float, Range(0.0, 1.0, 's')] = 0.0  # 0: the next message replaces the last
 
     def faults(self) -> _Fault:
         """Yield what is wrong beyond the single fields."""
+        for path, number in self.fields.items():
+            if number.column and number.column not in self.columns:
+                yield ('fields', path), f'{number.column} is not among the columns'
         for path, (low, high) in self.sizes.items():
             if low > high:
                 yield ('sizes', path), f'least {low} is above most {high}'
@@ -164,25 +175,20 @@ class _File(Struct):
 
     def faults(self) -> _Fault:
         """Yield what is wrong beyond the single topics."""
-        profiles, types = Choice(*self.profiles), {'topics': TYPES, 'derived': DERIVED_TYPES}
-        for part, allowed in types.items():
+        profiles, used = Leaf(str, False, Choice(*self.profiles)), set()
+        for part, allowed in (('topics', TYPES), ('derived', DERIVED_TYPES)):
+            types = Leaf(str, False, Choice(*allowed))
             for name, topic in getattr(self, part).items():
                 if not _TOPIC_NAME.fullmatch(name):
                     yield (part, name), 'allowed a leading / and words of a-z, 0-9 and _'
-                fault = Leaf(str, False, Choice(*allowed)).fault(topic.type)
-                if fault:
+                if fault := types.fault(topic.type):
                     yield (part, name, 'type'), fault
                 if bool(topic.fields) != (part == 'topics'):
                     yield (part, name), 'fields belong to topics that are not derived'
                 for mode, profile in topic.qos.items():
-                    fault = Leaf(str, False, profiles).fault(profile)
-                    if fault:
+                    used.add(profile)
+                    if fault := profiles.fault(profile):
                         yield (part, name, 'qos', mode), fault
-        used = {
-            p
-            for topic in (*self.topics.values(), *self.derived.values())
-            for p in topic.qos.values()
-        }
         for name in self.profiles.keys() - used:
             yield ('profiles', name), 'no topic uses this profile'
 
@@ -254,7 +260,5 @@ def read_contract(path: Path) -> Contract:
         parts['sizes'] = {path: Size(*size) for path, size in described.sizes.items()}
         return Topic(**parts)
 
-    return Contract(
-        {name: topic(name, described) for name, described in file.topics.items()},
-        {name: topic(name, described) for name, described in file.derived.items()},
-    )
+    parts = file.topics, file.derived
+    return Contract(*({name: topic(name, part[name]) for name in part} for part in parts))

@@ -2,9 +2,8 @@
 
 Fields of the contract with a `column` make the value of their topic. A field of the value is one
 number, which a symmetric matrix has twice, four (one per wheel), or a heading (z and w of its
-quaternion). `encode`, `decode`, the
-publishers and the tables of `bags` derive from this, so a new number costs a line in topics.yaml
-and one in `types`. No ROS is needed.
+quaternion). `encode`, `decode`, the publishers and the tables of `bags` derive from this, so a new
+number costs two lines in topics.yaml and one in `types`. No ROS is needed.
 
 Building and serialising a message object costs tens of microseconds, packing its bytes a few; the
 plant sends two thousand messages per simulated second. Reading costs 10 us in place of 300 us.

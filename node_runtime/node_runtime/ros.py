@@ -252,10 +252,7 @@ def observer_profile(topic: Topic, mode: str) -> QoSProfile:
 
     It may lose messages of a topic that is not latched.
     """
-    latched = topic.qos[mode].durability == 'transient_local'
-    return QoSProfile(
-        reliability=ReliabilityPolicy.RELIABLE if latched else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy[topic.requested_qos(mode).durability.upper()],
-        history=HistoryPolicy.KEEP_LAST,
-        depth=1,
-    )
+    is_latched = topic.qos[mode].durability == 'transient_local'
+    reliability = 'reliable' if is_latched else 'best_effort'
+    durability = topic.requested_qos(mode).durability
+    return to_qos_profile(Qos(reliability, durability, 'keep_last', 1))

@@ -71,13 +71,6 @@ class Stop(NamedTuple):
     standstill: float | None = None  # s that the car may stand once it has moved, None: 1 s
 
 
-class GivenSpeed(NamedTuple):
-    """A speed of the start or of the path, and its key in the file."""
-
-    key: str  # 'start.speed_mps', 'speed.constant_mps' or 'speed.speeds_mps[<i>]'
-    speed: float  # m/s
-
-
 class Scenario(NamedTuple):
     """A checked scenario; stamps are those of the start of a lockstep run."""
 
@@ -92,7 +85,9 @@ class Scenario(NamedTuple):
     text: str  # its YAML
     actors: tuple[Actor, ...]  # obstacles over time
     patches: Patches = Patches()  # areas of another friction
-    speeds: tuple[GivenSpeed, ...] = ()  # that of the start, if given, then the desired ones
+    # key in the file, as 'start.speed_mps' or 'speed.speeds_mps[<i>]', and speed [m/s]: that of the
+    # start, if given, then the desired ones
+    speeds: tuple[tuple[str, float], ...] = ()
     expect: Expectations = NOTHING_EXPECTED  # of a run
     sight: Sight | None = None  # None: everything is seen
     predicts: bool = False  # whether where the obstacles will be is published, too
@@ -281,7 +276,7 @@ def _build(file, text):
         text=text,
         actors=crowd,
         patches=patches,
-        speeds=tuple(GivenSpeed(*pair) for pair in given),
+        speeds=tuple(given),
         expect=file.expect,
         sight=view,
         predicts=file.predictions == 'exact',

@@ -24,6 +24,7 @@ LENGTH = 5.0  # m, of a car
 MARGIN = 0.5  # m that it leaves to who comes out
 PERSON = 0.3  # m, radius of who comes out
 ACCELERATION = 2.0  # m/s^2 behind: controllers do not follow a short dip of the desired speed
+SHARES = {'whole': 1.0, 'half': 0.5}  # of the range within which the car can stop
 STEP = 0.2  # m across the path between places; CAR_RADIUS is nearly so much wider than a car
 
 
@@ -32,11 +33,7 @@ class Sight(NamedTuple):
 
     path: Line
     table: np.ndarray  # (k, 2) m, stations and ranges there, linear between them
-    share: float  # of the range within which the car can stop
-    reaction: float  # s
-    deceleration: float  # m/s^2
-    hides: bool = False  # whether obstacles hide what is behind them
-    emerging: float = 0.0  # m/s, at most, of who comes out from there; 0: nobody does
+    rules: schema.Sight
 
     def __repr__(self) -> str:
         return f'Sight({np.min(self.table[:, 1]):g} m at least)'
@@ -53,9 +50,7 @@ def build(block: schema.Sight | None, path: Line) -> Sight | None:
         what = f'is {block.emerging_mps:g}, but without hidden_by_obstacles nobody is hidden'
         raise KeyedError('sight.emerging_mps', f'{what}; allowed 0 m/s')
     table = road_geometry.build_table(block.stations_m, block.ranges_m, 'sight', 'ranges_m')
-    share = 0.5 if block.stop_within == 'half' else 1.0
-    driver = block.reaction_s, block.deceleration_mps2
-    return Sight(path, table, share, *driver, block.hidden_by_obstacles, block.emerging_mps)
+    return Sight(path, table, block)
 
 
 def stopping_speed(distance: np.ndarray, reaction: float, deceleration: float) -> np.ndarray:
@@ -74,10 +69,11 @@ def bound_speed(sight: Sight, speed: np.ndarray, crowd: Sequence[Actor]) -> np.n
     Where the range ends faster than the car comes nearer, it brakes before. Of the obstacles those
     count that stand there from the start to the end.
     """
-    s, range_ = sight.path.s, np.interp(sight.path.s, *sight.table.T)
-    safe = stopping_speed(sight.share * range_, sight.reaction, sight.deceleration)
-    wanted = np.minimum(np.interp(s, *speed.T), _changed_within(safe, s, sight.deceleration))
-    if sight.emerging:
+    s, rules, share = sight.path.s, sight.rules, SHARES[sight.rules.stop_within]
+    range_, b = np.interp(s, *sight.table.T), rules.deceleration_mps2
+    safe = stopping_speed(share * range_, rules.reaction_s, b)
+    wanted = np.minimum(np.interp(s, *speed.T), _changed_within(safe, s, b))
+    if rules.emerging_mps:
         hiding = [disc.obstacle for a in crowd if actors.stays(a) for disc in a.discs]
         wanted = _bound_by_emerging(sight, wanted, _rows(hiding))
     return np.column_stack([s, wanted])
@@ -107,16 +103,16 @@ def _bound_by_emerging(sight, wanted, discs):
     between becomes the first one. One that is to be safe at every d has to pass from where it does
     not stop any more, v T >= v t + v^2 / (2 b) + c + L: between the roots of that, if it has any.
     """
-    path, b = sight.path, sight.deceleration
+    path, b, reaction = sight.path, sight.rules.deceleration_mps2, sight.rules.reaction_s
     fastest = float(np.max(wanted))
-    reach = FRONT + MARGIN + fastest * sight.reaction + fastest**2 / (2.0 * b)
+    reach = FRONT + MARGIN + fastest * reaction + fastest**2 / (2.0 * b)
     # who needs longer is passed at every speed v: T = t + v / (2 b) + (c + L) / v, which is convex
     slowest = min(SPEED.low, fastest)
     last = max(v / (2.0 * b) + (MARGIN + LENGTH) / v for v in (slowest, fastest))
     beside = CAR_RADIUS + PERSON
-    aside = beside + sight.emerging * (sight.reaction + last)
+    aside = beside + sight.rules.emerging_mps * (reaction + last)
     offset = np.arange(0.0, aside, STEP)
-    in_way_s = np.maximum(offset - beside, 0.0) / sight.emerging
+    in_way_s = np.maximum(offset - beside, 0.0) / sight.rules.emerging_mps
     frame = Frame(path.X[:, None], path.Y[:, None], path.psi[:, None])
     X, Y = lines.offset_point(frame, np.array([-1.0, 1.0])[:, None, None] * offset)
     taken = np.zeros(X.shape, dtype=bool)
@@ -131,7 +127,7 @@ def _bound_by_emerging(sight, wanted, discs):
         rows = slice(*np.searchsorted(path.s, [here + FRONT, here + reach]))
         if len(near) and rows.start < rows.stop:
             d = (path.s[rows] - here - FRONT)[:, None]
-            stops = stopping_speed(np.maximum(d - MARGIN, 0.0), sight.reaction, b)
+            stops = stopping_speed(np.maximum(d - MARGIN, 0.0), reaction, b)
             stops = np.maximum(stops, SPEED.low)
             counts = can_come[:, rows] & (d + LENGTH > stops * in_way_s)
             counts[counts] = hidden_places(car, X[:, rows][counts], Y[:, rows][counts], near)
@@ -184,7 +180,7 @@ def seen(
             for o, discs in places
             if min(_station(sight, o.X + x, o.Y + y) for x, y in discs) <= end + o.r_obs
         )
-    hidden = _hidden(car, present, present) if sight.hides else {}
+    hidden = _hidden(car, present, present) if sight.rules.hidden_by_obstacles else {}
     return tuple(o for o in shown if o.id not in hidden)
 
 

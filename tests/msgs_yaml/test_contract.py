@@ -53,6 +53,7 @@ MISTAKES = [
     (14, 'low: -20, ', '', 'linear.x: low belongs to a number, and a number needs it'),
     (14, 'unit: m/s', 'unit: word', 'linear.x: low belongs to a number'),
     (14, '1.2e2', '1.2e2, value: v', 'linear.x: value needs a column'),
+    (14, '1.2e2', '1.2e2, column: vx_mps', 'linear.x: vx_mps is not among the columns'),
     (14, '.linear', '..linear', 'is no field path'),
     (23, '[2, 5000]', '[5000, 2]', 'sizes.poses: least 5000 is above most 2'),
     (34, '[steer]', '', 'a field of a JointState is written as position[name]'),

@@ -106,19 +106,18 @@ def test_every_example_is_of_a_topic_and_holds_what_its_comment_says():
     assert decode.why(load_example('/controller/why')).values['solver.iterations'] == 7
 
 
-LINE = '      angular_velocity.z: {symbol: r,'
-NEW_LINE = (
-    '      linear_acceleration.z: {symbol: az, unit: m/s^2, low: -9, high: 9, column: az_mps2}\n'
-)
+COLUMNS = '    columns:\n'
+LINE = f'column: roll_rate_radps}}\n{COLUMNS}'
+AZ = 'linear_acceleration.z: {symbol: az, unit: m/s^2, low: -9, high: 9, column: az_mps2}'
 
 
 class ImuWithAz(NamedTuple):
     stamp_ns: int
     ax: float
     ay: float
-    az: float
     r: float
     p: float
+    az: float
 
 
 @pytest.fixture
@@ -140,12 +139,13 @@ def read_contract(tmp_path, monkeypatch):
         function.cache_clear()
 
 
-def test_a_new_number_costs_a_line_in_topics_yaml_and_one_in_its_type(read_contract, monkeypatch):
-    read_contract(LINE, NEW_LINE + LINE)
-    with pytest.raises(ContractError, match=r'/vehicle/imu: .* ax, ay, az, r, p; Imu others'):
+def test_a_new_number_costs_lines_in_topics_yaml_and_its_type(read_contract, monkeypatch):
+    new = f'      {AZ}\n{COLUMNS}      az_mps2: {{meaning: upwards}}\n'
+    read_contract(LINE, LINE.replace(COLUMNS, new))
+    with pytest.raises(ContractError, match=r'/vehicle/imu: .* ax, ay, r, p, az; Imu others'):
         flat_fields.load(IMU)
     monkeypatch.setitem(flat_fields.TYPES, IMU, ImuWithAz)
-    value = ImuWithAz(1_000_000_000, 1.0, 2.0, 3.0, 0.5, 0.1)
+    value = ImuWithAz(1_000_000_000, 1.0, 2.0, 0.5, 0.1, 3.0)
     message = encode.imu(value)
     assert message.linear_acceleration.z == 3.0
     assert ros.deserialize(IMU, flat_fields.load(IMU).fill(value)) == message

@@ -2,7 +2,9 @@
 
 import argparse
 import os
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -25,13 +27,12 @@ def run(args: argparse.Namespace) -> int:
 
     out = args.out or Path(os.path.abspath(args.bag)).parent
     drive = run_of.load(args.bag).drive
-    show(frame_distances.write_frame_distances(drive, out), Console())
+    show(*frame_distances.write_frame_distances(drive, out), Console())
     return 0
 
 
-def show(files, console: Console) -> None:
-    """Print the table and the paths of the FrameDistanceFiles."""
-    values = files.values
+def show(values: Mapping[str, Any], paths: Mapping[str, Path], console: Console) -> None:
+    """Print the table of `frame_distances.write_frame_distances` and where its files are."""
     title = f'Frenet less Cartesian distance, in metres, on a radius of {values["radius_m"]:.0f} m'
     table = Table(title=title, title_justify='left')
     table.add_column('m along the path', no_wrap=True)
@@ -46,4 +47,4 @@ def show(files, console: Console) -> None:
     for i, gap in enumerate(values['gaps_m']):
         table.add_row(f'{gap:.0f}', *(f'{column[i]:+.2f}' for _, column in columns))
     console.print(table)
-    command_line.print_paths(console, {'numbers': files.file, 'figure': files.figures[0]})
+    command_line.print_paths(console, paths)

@@ -1,7 +1,6 @@
 """Print what a bag contains, and latency and deadline misses of the run."""
 
 import argparse
-import warnings
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -11,7 +10,6 @@ from rich.text import Text
 
 from bags import command_line
 from bags.command_line import number_text, print_text
-from bags.errors import DamagedBagWarning
 
 HELP = 'contents of a bag, latency and deadline misses of the run'
 MB = 1e6
@@ -24,10 +22,8 @@ def run(args: argparse.Namespace) -> int:
     from bags.evaluation.bag_summary import summarize_bag
     from bags.storage import read
 
-    with warnings.catch_warnings():
-        # the damage is part of what is printed
-        warnings.simplefilter('ignore', DamagedBagWarning)
-        summary = summarize_bag(read.load(args.bag))
+    # the damage is part of what is printed
+    summary = summarize_bag(read.load(args.bag, warn=False))
     return command_line.print_summary(summary, args.json, show)
 
 

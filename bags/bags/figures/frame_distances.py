@@ -60,6 +60,8 @@ class Circle(NamedTuple):
     start: np.ndarray  # (2,) m, map, the first point of the path
     obstacle: np.ndarray  # (2,) m, map
     reach: float  # m, radii of obstacle and vehicle together
+    station: float = 0.0  # m, of the obstacle along the path
+    inside: float = 0.0  # m from the path towards its centre, of the centre of the obstacle
 
     def coordinates(self, points):
         """Return the station along the circle and the distance inside of it [m] of points (m, 2).
@@ -71,16 +73,6 @@ class Circle(NamedTuple):
         laps = self.turn * bearing / (2 * np.pi)
         laps -= np.floor(laps[0] + EARLY_LAPS)
         return 2 * np.pi * self.radius * laps, self.radius - np.hypot(*away.T)
-
-    @property
-    def station(self) -> float:
-        """Distance along the path [m] of the obstacle."""
-        return float(self.coordinates(self.obstacle[None])[0][0])
-
-    @property
-    def inside(self) -> float:
-        """Distance from the path towards its centre [m] of the centre of the obstacle."""
-        return float(self.coordinates(self.obstacle[None])[1][0])
 
     @property
     def sides(self) -> dict[str, float]:
@@ -139,7 +131,9 @@ def find_circle(drive: Drive) -> Circle:
     if np.any(np.ptp(places, axis=0) > 0):
         raise BagError('the obstacle moves; distances compare at one that rests')
     reach = obstacles[0].radius + drive.facts.vehicle_radius
-    return Circle(centre, 1 / abs(mean), turn, path[0], places[0], reach)
+    circle = Circle(centre, 1 / abs(mean), turn, path[0], places[0], reach)
+    station, inside = circle.coordinates(places[:1])
+    return circle._replace(station=float(station[0]), inside=float(inside[0]))
 
 
 def driven_distances(drive: Drive, circle: Circle) -> DrivenDistances:
@@ -336,18 +330,11 @@ def _difference(ax, circle, driven):
     ax.set_title('Overestimation over distance')
 
 
-class FrameDistanceFiles(NamedTuple):
-    """The numbers, and the files that were written."""
-
-    values: dict[str, Any]  # distances.json
-    file: Path
-    figures: list[Path]
-
-
-def write_frame_distances(drive: Drive, out: Path) -> FrameDistanceFiles:
+def write_frame_distances(drive: Drive, out: Path) -> tuple[dict[str, Any], dict[str, Path]]:
     """Write the figure and its numbers for a drive into the folder `out`.
 
-    Raises BagError where the path is no circle with one obstacle.
+    Return the contents of distances.json, and the files: `numbers` and `figure`. Raises BagError
+    where the path is no circle with one obstacle.
     """
     circle = find_circle(drive)
     driven = driven_distances(drive, circle)
@@ -355,4 +342,5 @@ def write_frame_distances(drive: Drive, out: Path) -> FrameDistanceFiles:
     out.mkdir(parents=True, exist_ok=True)
     file = out / FILE
     file.write_text(json.dumps(values, indent=2, allow_nan=False) + '\n')
-    return FrameDistanceFiles(values, file, _write_figure(drive, circle, driven, out))
+    figure, _ = _write_figure(drive, circle, driven, out)
+    return values, {'numbers': file, 'figure': figure}

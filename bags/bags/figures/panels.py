@@ -140,36 +140,37 @@ def axis_limits(name: str, columns: Iterable[np.ndarray]) -> tuple[float, float]
 
 def draw_v2e(ax, runs: Sequence[EvaluatedDrive], side: str) -> None:
     """Draw the distance between the vehicle circle and the road edge of a side (D_V2E)."""
-    gaps = [run.series.v2e[side] for run in runs]
-    for run, gap in zip(runs, gaps):
-        _curve(ax, run, gap)
-        if np.nanmin(gap) < FAR_M:
-            _mark(ax, run, np.nanargmin(gap), gap)
-    if min(np.nanmin(gap) for gap in gaps) > FAR_M:
-        _note_far(ax, f'{side} edge beyond {FAR_M:g} m')
-    _finish_distances(ax, runs, gaps, max(run.drive.facts.safe_edge for run in runs))
+    safe, far = max(run.drive.facts.safe_edge for run in runs), f'{side} edge beyond {FAR_M:g} m'
+    _draw_distances(ax, runs, lambda run: [run.series.v2e[side]], safe, far)
     ax.set(ylabel='$D_{V2E}$ [m]', title=f'Vehicle-to-edge distance, {side}')
-
-
-def _note_far(ax, text):
-    ax.text(0.5, 0.6, text, transform=ax.transAxes, ha='center', color=style.QUIET)
 
 
 def draw_v2o(ax, runs):
     """Draw the distance between the vehicle circle and each obstacle (D_V2O)."""
-    near = False
+    safe = max(run.drive.facts.safe_obstacle for run in runs)
+    far = f'no obstacle within {FAR_M:g} m'
+    _draw_distances(ax, runs, lambda run: run.series.v2o.values(), safe, far)
+    draw_insets(ax, runs)
+    ax.set(ylabel='$D_{V2O}$ [m]', title='Vehicle-to-obstacle distance')
+
+
+def _draw_distances(ax, runs, gaps_of, safe, far):
+    """Draw gaps (n,) of each run with their smallest values; `far` says that all are large.
+
+    The unsafe area is shaded; small distances are shown, and half a metre below the smallest.
+    """
+    low, near = 0.0, False
     for run in runs:
-        for gap in run.series.v2o.values():
+        for gap in gaps_of(run):
             _curve(ax, run, np.where(gap < 2 * FAR_M, gap, np.nan))
             if np.any(gap < FAR_M):
                 _mark(ax, run, np.nanargmin(gap), gap)
-                near = True
+                low, near = min(low, np.nanmin(gap)), True
     if not near:
-        _note_far(ax, f'no obstacle within {FAR_M:g} m')
-    gaps = [gap for run in runs for gap in run.series.v2o.values()]
-    _finish_distances(ax, runs, gaps, max(run.drive.facts.safe_obstacle for run in runs))
-    draw_insets(ax, runs)
-    ax.set(ylabel='$D_{V2O}$ [m]', title='Vehicle-to-obstacle distance')
+        ax.text(0.5, 0.6, far, transform=ax.transAxes, ha='center', color=style.QUIET)
+    shade_unsafe(ax, safe)
+    ax.set_ylim(low - 0.5, FAR_M)
+    _along(ax, runs)
 
 
 def draw_signal(ax, runs: Sequence[EvaluatedDrive], name: str, ylabel: str, title: str) -> None:
@@ -228,14 +229,6 @@ def _along(ax, runs):
     high = max(run.series.station.max() for run in runs)
     margin = max(0.02 * (high - low), LEAST_MARGIN_M)
     ax.set(xlim=(low - margin, high + margin), xlabel=STATION)
-
-
-def _finish_distances(ax, runs, gaps, safe):
-    """Shade the unsafe area; show small distances, and half a metre below the smallest."""
-    shade_unsafe(ax, safe)
-    low = min([0.0, *(np.nanmin(gap) for gap in gaps if not np.all(np.isnan(gap)))])
-    ax.set_ylim(low - 0.5, FAR_M)
-    _along(ax, runs)
 
 
 def note(ax, text):

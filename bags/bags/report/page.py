@@ -41,7 +41,7 @@ def report_html(
     time_axis = Range1d(0.0, duration)
     drawn = (page_figures.plot_panel(panel, runs, time_axis, overlays) for panel in PANELS)
     panels = [*filter(None, drawn), page_figures.plot_gg(runs)]
-    shaded = {panel.name for panel in PANELS if panel.unsafe}
+    shaded = {panel.name for panel in PANELS if panel.safe}
     document = Document()
     # one pass over all models instead of one per figure
     with document.models.freeze():

@@ -6,7 +6,8 @@ frame, drawn on the road: positions are in the frame map [m], angles in rad, tim
 first state of a run. The script of the page only looks up these numbers and rotates the outline.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,6 @@ from bokeh.models import (
 from bokeh.plotting import figure
 
 from bags.evaluation.controller_log import PREDICTION, WHY, candidate_lines, report_numbers
-from bags.evaluation.drive import Facts
 from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.figures import comparison_figures, scene, style
 from bags.figures.overlay import STATION, TIME, Overlay
@@ -88,10 +88,7 @@ class Panel(NamedTuple):
     name: str  # also the id of its element on the page
     title: str
     axis: str  # label of the vertical axis, with its unit
-    # None: the signal of this name in SIGNALS
-    line: Callable[[EvaluatedDrive], Curve | None] | None = None
-    # the safety distance of a run; None where that has no meaning
-    unsafe: Callable[[Facts], float] | None = None
+    safe: str = ''  # the field of Facts with the safety distance, '' where that has no meaning
     least_top: float = 0.0  # of an axis that begins at 0
 
 
@@ -103,39 +100,35 @@ def _v2o(run):
     return run.stamp_ns, np.where(nearest < FAR_M, nearest, np.nan)
 
 
-def _edge(side):
-    def line(run):
-        return run.stamp_ns, run.series.v2e[side]
-
-    title = f'Distance to the {side} edge'
-    return Panel(f'v2e_{side}', title, 'D_V2E [m]', line, lambda facts: facts.safe_edge)
+def _reported(key, run):
+    why = run.tables.get(WHY)
+    return why and (why.stamp_ns, report_numbers(why.values, key))
 
 
-def _reported(name):
-    def line(run):
-        why = run.tables.get(WHY)
-        return why and (why.stamp_ns, report_numbers(why.values, name))
-
-    return line
-
-
-def _friction(axle):
-    """Return the panel of the share of the friction that the controller's model uses."""
-    title, line = f'Friction use in the controller, {axle} axle', _reported(f'friction.{axle}')
-    return Panel(f'friction_{axle}', title, 'F / µF_z', line, least_top=1.05)
-
-
+# of a run by panel: its curve, None without any
+CURVES: Mapping[str, Callable[[EvaluatedDrive], Curve | None]] = {
+    **SIGNALS,
+    'v2o': _v2o,
+    'v2e_left': lambda run: (run.stamp_ns, run.series.v2e['left']),
+    'v2e_right': lambda run: (run.stamp_ns, run.series.v2e['right']),
+    'friction_front': partial(_reported, 'friction.front'),
+    'friction_rear': partial(_reported, 'friction.rear'),
+    'solve': partial(_reported, 'time.solve_ms'),
+}
+# of the friction the share that the controller's model uses
 PANELS = (
-    Panel('v2o', 'Distance to the nearest obstacle', 'D_V2O [m]', _v2o, lambda r: r.safe_obstacle),
-    *map(_edge, ('left', 'right')),
+    Panel('v2o', 'Distance to the nearest obstacle', 'D_V2O [m]', 'safe_obstacle'),
+    Panel('v2e_left', 'Distance to the left edge', 'D_V2E [m]', 'safe_edge'),
+    Panel('v2e_right', 'Distance to the right edge', 'D_V2E [m]', 'safe_edge'),
     Panel('contouring', 'Distance from the coarse path', 'left positive [m]'),
     Panel('velocity', 'Longitudinal velocity', 'v_x [m/s]'),
     Panel('sideslip', 'Sideslip angle', 'β [deg]'),
     Panel('lateral', 'Lateral acceleration', 'a_y [m/s²]'),
     Panel('steer', 'Road-wheel angle', 'δ [deg]'),
     Panel('force', 'Longitudinal force, braking negative', 'F_x [kN]'),
-    *map(_friction, ('front', 'rear')),
-    Panel('solve', 'Solve time per tick', '[ms]', _reported('time.solve_ms'), least_top=20.0),
+    Panel('friction_front', 'Friction use in the controller, front axle', 'F / µF_z', '', 1.05),
+    Panel('friction_rear', 'Friction use in the controller, rear axle', 'F / µF_z', '', 1.05),
+    Panel('solve', 'Solve time per tick', '[ms]', '', 20.0),
 )
 
 
@@ -146,17 +139,16 @@ def plot_panel(
     overlays: Sequence[Overlay] = (),
 ) -> figure | None:
     """Return the figure of a panel over `time_axis` [s]; None when no run has anything to show."""
-    line = panel.line or SIGNALS[panel.name]
-    drawn = [(run, *curve) for run in runs if (curve := line(run))]
+    drawn = [(run, *curve) for run in runs if (curve := CURVES[panel.name](run))]
     drawn = [curve for curve in drawn if np.isfinite(curve[-1]).any()]
     if not drawn:
         return None
     plot = _new_figure(panel.name, 'time [s]', panel.axis, title=panel.title, x_range=time_axis)
     laid = [o for o in overlays if np.isfinite(o.signals.get(panel.name, np.nan)).any()]
     values = [curve[-1] for curve in drawn] + [o.signals[panel.name] for o in laid]
-    if panel.unsafe:
+    if panel.safe:
         # unsafe distances are shaded, red where circles overlap; the axis shows small ones
-        safe = max(panel.unsafe(run.drive.facts) for run in runs)
+        safe = max(getattr(run.drive.facts, panel.safe) for run in runs)
         low = min([0.0, *(np.nanmin(column) for column in values)])
         plot.y_range = Range1d(float(low) - safe, FAR_M)
         look = {'fill_alpha': 0.2, 'line_color': None, 'level': 'underlay'}
@@ -171,14 +163,16 @@ def plot_panel(
     for run, stamp_ns, column in drawn:
         chosen = decimate(column, BINS)
         at_ns = stamp_ns[chosen]
-        line = _since(run, at_ns), run.station_at(at_ns), column[chosen]
-        lines.append(_plot_curve(plot, run, *line))
+        columns = {'time': _since(run, at_ns), 'station': run.station_at(at_ns)}
+        columns['value'] = column[chosen]
+        lines.append(_line(plot, run, ('time', 'value'), columns, CURVE))
     for overlay in laid:
         column = overlay.signals[panel.name]
         unknown = np.full(len(column), np.nan)
-        places = (overlay.axes.get(axis) for axis in (TIME, STATION))
-        places = (unknown if place is None else place for place in places)
-        lines.append(_plot_curve(plot, overlay, *places, column))
+        axes = (('time', TIME), ('station', STATION))
+        columns = {name: overlay.axes.get(axis, unknown) for name, axis in axes}
+        columns['value'] = column
+        lines.append(_line(plot, overlay, ('time', 'value'), columns, CURVE))
     where = [('run', '$name'), (panel.axis, '@value{0.000}'), ('time', '@time{0.000} s')]
     where.append(('station', '@station{0.0} m'))
     plot.add_tools(HoverTool(renderers=lines, tooltips=where, mode='vline'))
@@ -188,10 +182,11 @@ def plot_panel(
     return plot
 
 
-def _plot_curve(plot, run, time, station, value):
-    source = ColumnDataSource(_float32(time=time, station=station, value=value))
-    line = plot.line('time', 'value', source=source, name=run.name, **_line_look(run))
-    return _tag_run(run, line, CURVE)
+def _line(plot, run, axes, columns, *tags):
+    """Draw two of the columns of a run, or of an overlay; return the line."""
+    source = ColumnDataSource(_float32(**columns))
+    line = plot.line(*axes, source=source, name=run.name, **_line_look(run))
+    return _tag_run(run, line, *tags)
 
 
 def plot_gg(runs: Sequence[EvaluatedDrive]) -> figure:
@@ -205,9 +200,8 @@ def plot_gg(runs: Sequence[EvaluatedDrive]) -> figure:
     for run in runs:
         acc = run.drive.accelerations
         chosen = np.union1d(decimate(acc.ax, BINS), decimate(acc.ay, BINS))
-        time = _since(run, acc.stamp_ns[chosen])
-        source = ColumnDataSource(_float32(x=acc.ay[chosen], y=acc.ax[chosen], time=time))
-        line = _tag_run(run, plot.line('x', 'y', source=source, **_line_look(run)))
+        columns = {'x': acc.ay, 'y': acc.ax, 'time': _since(run, acc.stamp_ns)}
+        line = _line(plot, run, ('x', 'y'), {name: c[chosen] for name, c in columns.items()})
         tips = [('run', run.name), ('a_y', '@x{0.00}'), ('a_x', '@y{0.00}')]
         tips.append(('time', '@time{0.00} s'))
         plot.add_tools(HoverTool(renderers=[line], tooltips=tips))
@@ -341,16 +335,14 @@ def build_top_view(
         motion = run.drive.motion
         chosen = np.union1d(decimate(motion.y, BINS), decimate(motion.x, BINS))
         columns = {'x': motion.x, 'y': motion.y, 'time': run.series.t, 'speed': run.series.speed}
-        source = ColumnDataSource(_float32(**{name: c[chosen] for name, c in columns.items()}))
-        line = _tag_run(run, plot.line('x', 'y', source=source, **_line_look(run)))
+        line = _line(plot, run, ('x', 'y'), {name: c[chosen] for name, c in columns.items()})
         line.glyph.line_alpha = 0.6
         tips = [('run', run.name), ('time', '@time{0.00} s'), ('speed', '@speed{0.0} m/s')]
         plot.add_tools(HoverTool(renderers=[line], tooltips=tips))
     for overlay in overlays:
         path = overlay.path()
         if path is not None:
-            source = ColumnDataSource(_float32(x=path[:, 0], y=path[:, 1]))
-            _tag_run(overlay, plot.line('x', 'y', source=source, **_line_look(overlay)))
+            _line(plot, overlay, ('x', 'y'), {'x': path[:, 0], 'y': path[:, 1]})
     moving = [_moving(plot, run, t) for run in runs]
     return {'plot': plot, 'obstacles': still, 'places': places, 'runs': moving}
 

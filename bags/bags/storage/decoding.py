@@ -35,7 +35,6 @@ DECODERS = {
     '/vehicle/actuators': decode.actuators,
     '/vehicle/imu': decode.imu,
     '/vehicle/wheels': decode.wheels,
-    '/vehicle/run_start': decode.run_start,
     '/sensors/inertial': decode.inertial,
     '/sensors/chassis': decode.chassis,
     '/sensors/gnss': decode.gnss,
@@ -46,6 +45,7 @@ DECODERS = {
     '/controller/why': decode.why,
     '/diagnostics': decode.health,
     '/clock': decode.clock,
+    '/vehicle/run_start': decode.run_start,
 }
 # of `decode_message`: DecodeError, a ValueError, for a broken contract; the others where the
 # definition in the bag lacks a field or gives it another type

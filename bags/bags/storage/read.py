@@ -83,11 +83,12 @@ class Bag(NamedTuple):
         return f'Bag({self.path}, {count} messages of {len(self.recordings)} topics)'
 
 
-def load(path: Path | str) -> Bag:
+def load(path: Path | str, warn: bool = True) -> Bag:
     """Read a bag: its folder, all files of it when it was split, or one MCAP file.
 
-    A damaged bag is read up to the damage, with a DamagedBagWarning that says where. Raises
-    BagError when there is no such file, it is not a bag, or it holds no message.
+    A damaged bag is read up to the damage, which `Bag.damage` describes, and a DamagedBagWarning
+    unless `warn` is false. Raises BagError when there is no such file, it is not a bag, or it holds
+    no message.
     """
     files = mcap_files(path)
     bag_path = files[0] if len(files) == 1 else Path(path)
@@ -107,7 +108,7 @@ def load(path: Path | str) -> Bag:
             break
     if not any(file.payloads for file in contents):
         raise BagError(f'{bag_path}: the bag holds no message')
-    if damage:
+    if damage and warn:
         warnings.warn(damage, DamagedBagWarning, stacklevel=2)
     # each topic as it was described last, and of each message the number of its topic
     records, topics, which = {}, {}, []

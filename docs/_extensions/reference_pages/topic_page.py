@@ -53,8 +53,7 @@ def _section(topic: Topic, level: int = 2):
     parts = [f'{"#" * level} `{topic.name}`', text(topic.meaning), f'`{topic.type}`; {qos}']
     if topic.child_frame:
         parts[-1] += f'; child frame `{topic.child_frame}`'
-    heads = ('field', 'symbol', 'unit', 'allowed', 'column', 'value')
-    rows = [
+    fields = [
         (
             code(path),
             code(field.symbol),
@@ -65,9 +64,12 @@ def _section(topic: Topic, level: int = 2):
         )
         for path, field in topic.fields.items()
     ]
-    if rows:
-        parts.append(table(heads, rows))
-    if topic.sizes:
-        rows = [(code(path), f'{size.low} to {size.high}') for path, size in topic.sizes.items()]
-        parts.append(table(('array', 'elements'), rows))
+    sizes = [(code(path), f'{size.low} to {size.high}') for path, size in topic.sizes.items()]
+    columns = [(code(name), text(column.meaning)) for name, column in topic.columns.items()]
+    tables = (
+        (('field', 'symbol', 'unit', 'allowed', 'column', 'value'), fields),
+        (('array', 'elements'), sizes),
+        (('column', 'meaning'), columns),
+    )
+    parts += [table(heads, rows) for heads, rows in tables if rows]
     return '\n\n'.join(parts)

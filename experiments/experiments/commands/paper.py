@@ -34,13 +34,12 @@ def run(options: argparse.Namespace) -> int:
 
     console = Console()
     (bag,) = _drive(CIRCLE, options.out, console)
-    distances = frame_distances.write_frame_distances(
-        load(bag).drive, options.out / CIRCLE.parent.name
-    )
+    folder = options.out / CIRCLE.parent.name
+    _, distances = frame_distances.write_frame_distances(load(bag).drive, folder)
     driven = _drive(PICTURE, options.out, console)
     comparison = compare_bags(driven, options.out / 'double_lane_change', singly=True)
     show_comparison(comparison, console)
-    print_paths(console, {'distances': distances.figures[0]})
+    print_paths(console, {'distances': distances['figure']})
     return 0
 
 

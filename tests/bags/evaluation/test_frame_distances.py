@@ -80,15 +80,15 @@ def test_recorded_poses_give_the_closed_forms_of_where_they_are(make_drive, turn
 
 
 def test_figure_and_numbers_of_a_drive_are_written(make_drive, tmp_path):
-    result = frame_distances.write_frame_distances(lap(make_drive), tmp_path)
-    assert json.loads((tmp_path / 'distances.json').read_text()) == result.values
-    assert [path.suffix for path in result.figures] == ['.png', '.svg']
-    assert all(path.stat().st_size > 10_000 for path in result.figures)
-    recorded = result.values['recorded']
+    values, files = frame_distances.write_frame_distances(lap(make_drive), tmp_path)
+    assert json.loads(files['numbers'].read_text()) == values
+    for suffix in ('.png', '.svg'):
+        assert files['figure'].with_suffix(suffix).stat().st_size > 10_000
+    recorded = values['recorded']
     assert recorded['collided']
     assert recorded['min_v2o_m'] == pytest.approx(1.0 - REACH, abs=2e-3)
     for side in ('inside', 'outside'):
-        closed = result.values['overestimation_m'][side]
+        closed = values['overestimation_m'][side]
         assert recorded['overestimation_m'][side] == pytest.approx(closed, abs=2e-3)
 
 
