@@ -34,9 +34,7 @@ def run(options: argparse.Namespace) -> int:
         if error.check:
             preview.show_refusals(error.check, console)
         raise BagError(str(error)) from None
-    here = Path()
-    nodes = node_config.build_nodes(scn, options.scenario, controller, 'lockstep', here, here, {})
-    checked = inputs.check_parameters(nodes)
+    checked = inputs.check_parameters(inputs.build_nodes(scn, options.scenario, controller))
     circles = preview.circles_of(checked[inputs.CONTROLLER][0])
     preview.show(scn, circles, console)
     preview.show_refusals('', console)

@@ -99,10 +99,9 @@ def run_once(
             settings.scn,
             settings.source,
             controller,
-            settings.mode,
-            staging.bag,
-            run_info,
             settings.overrides,
+            mode=settings.mode,
+            recording=(staging.bag, run_info),
             plant_program=settings.plant,
         )
         node_config.write_run_info(settings.scn, controller, settings.mode, nodes, run_info, loaded)

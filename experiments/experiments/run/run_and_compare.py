@@ -172,8 +172,9 @@ def run_controllers(
     compiles_ahead = compiles and request.mode == 'lockstep' and compile_ahead.is_worth_while()
     checked = {}
     for controller in controllers:
-        places = folder, folder, given.settings, given.origins
-        nodes = inputs.build_nodes(scn, given.scenario, controller, request.mode, *places)
+        nodes = inputs.build_nodes(
+            scn, given.scenario, controller, given.settings, given.origins, request.mode
+        )
         own_parameters = inputs.check_parameters(nodes)
         if not (request.any_car or controller.program or settings.plant):
             inputs.check_car_fits(nodes, own_parameters)
