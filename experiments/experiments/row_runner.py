@@ -5,13 +5,17 @@
 them, then `error`, then its results.
 """
 
+import argparse
 import importlib.util
 import json
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from rich.console import Console
 
 from bags.command_line import print_text
 from bags.errors import BagError
@@ -30,6 +34,16 @@ TIMES = ('wall_s', 'cpu_s')  # of a drive
 ORDER = {
     name: place for place, name in enumerate((*TIMES, 'friction', 'verdict', *METRICS, 'solver'))
 }
+
+
+@contextmanager
+def driving(options: argparse.Namespace, console: Console) -> Iterator[tuple[Pool, CountProgress]]:
+    """Yield the pool of the options --jobs and --dask, and the progress that it shows."""
+    with (
+        CountProgress(console) as progress,
+        Pool(options.jobs, options.dask, code_version.describe) as pool,
+    ):
+        yield pool, progress
 
 
 def run_rows(

@@ -20,8 +20,8 @@ from rich.console import Console
 from rich.table import Table
 
 from bags.errors import BagError
-from experiments import code_version, drive_row, row_runner
 from experiments import console as tables
+from experiments import drive_row, row_runner
 from experiments.batch import distributions, study_file
 from experiments.batch.study_file import StudyFile
 from experiments.configuration import inputs, node_config
@@ -51,10 +51,7 @@ def run(
     written.
     """
     study = study_file.load(options.study)
-    with (
-        CountProgress(console) as progress,
-        Pool(options.jobs, options.dask, code_version.describe) as pool,
-    ):
+    with row_runner.driving(options, console) as (pool, progress):
         given = drive_row.as_pairs(options.settings)
         rows = check_rows(study, pool, progress, given)
         notes = {'study': study.text}

@@ -56,14 +56,9 @@ def run(options: argparse.Namespace) -> int:
         do = report.write if options.part == 'decide' else report.explain
         do(own, folder, out, console)
     else:
-        from experiments import code_version
+        from experiments import row_runner
         from experiments.decisive import run as study
-        from experiments.pool import Pool
-        from experiments.progress import CountProgress
 
-        with (
-            CountProgress(console) as progress,
-            Pool(options.jobs, options.dask, code_version.describe) as pool,
-        ):
-            study.run(own, out, pool, progress, options.replicates)
+        with row_runner.driving(options, console) as workers:
+            study.run(own, out, *workers, options.replicates)
     return 0

@@ -28,20 +28,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Tune and show; return 0. Raises BagError."""
     # imported late: controllers and pandas take a second to load
-    from experiments import code_version, tuning
+    from experiments import row_runner, tuning
     from experiments.commands import study
     from experiments.decisive import plan
-    from experiments.pool import Pool
-    from experiments.progress import CountProgress
 
     console = Console()
     own = plan.read(options.plan or study.KEPT['run'])
     folder = options.out / Path(options.controller).stem
-    with (
-        CountProgress(console) as progress,
-        Pool(options.jobs, options.dask, code_version.describe) as pool,
-    ):
-        tuned = tuning.tune(own, options.controller, options.seed, folder, pool, progress)
+    with row_runner.driving(options, console) as workers:
+        tuned = tuning.tune(own, options.controller, options.seed, folder, *workers)
     print_text(console, tuning.as_table(tuned).to_string(index=False))
     print_paths(console, {'controller': tuned.file, 'history': tuned.history})
     return 0
