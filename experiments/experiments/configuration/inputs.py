@@ -30,7 +30,6 @@ CONTROLLER, ESTIMATOR = 'controller', 'estimator'  # roles
 # where a controller has its state from in a ring with an estimator
 ESTIMATED = 'vehicle/odometry:=estimator/odometry'
 KPH = 3.6  # km/h per m/s
-NOWHERE = Path(), Path()  # where nothing is recorded
 # of the plant, those of a start in a scenario, in their order
 START = ('x_m', 'y_m', 'yaw_rad', 'speed_mps', 'lateral_mps', 'yaw_rate_radps')
 # the scenario key that sets a parameter, or the parameters below a name; for error messages
@@ -110,15 +109,15 @@ def build_nodes(
     overrides: Mapping[str, Mapping[str, Any]] = NO_OVERRIDES,
     origins: Mapping[str, Mapping[str, str]] = NO_OVERRIDES,
     mode: str = 'lockstep',
-    recording: tuple[Path, Path] | None = NOWHERE,
+    record: bool = True,
     plant_program: tuple[str, ...] = (),
 ) -> list[Node]:
     """Return the nodes of a run in starting order; `overrides` are parameters by role.
 
     source         name or path of the scenario, as scenario_node takes it
     origins        sources of overrides, by role and name, for errors; without one it is `--set`
-    recording      folder of the bag, and file of the run information; None: there is no recorder,
-                   and no node waits for one
+    record         whether there is a recorder, which `record_to` tells where; else no node waits
+                   for one
     plant_program  command that is started in place of plant_node, with its parameters
 
     A car with sensors has an estimator before the plant, and the controller has its state from it.
@@ -136,19 +135,16 @@ def build_nodes(
         **{f'patches.{name}': [*v] for name, v in scn.patches._asdict().items() if v},
     }
     by_role: dict[str, dict[str, Any]] = {
+        **({'recorder': {}} if record else {}),
         'scenario': {'scenario': source},
         CONTROLLER: {'model.friction': scn.friction},
         'plant': plant,
     }
-    if recording:
-        bag, run_info = map(str, recording)
-        by_role = {'recorder': {'out': bag, 'run_info': run_info}, **by_role}
     nodes = []
     for role, own in by_role.items():
         given = overrides.get(role, {})
         # the run starts when the recorder listens; the recorder does not wait for itself
-        waits = int(bool(recording) and role != 'recorder')
-        values = {'mode': mode, 'recorders': waits, **own, **given}
+        values = {'mode': mode, 'recorders': int(record and role != 'recorder'), **own, **given}
         is_controller = role == CONTROLLER
         files = (controller.config,) if is_controller and not controller.program else ()
         program = {CONTROLLER: controller.program, 'plant': plant_program}.get(role, ())
@@ -199,6 +195,15 @@ def _with_estimator(nodes, scn, overrides, origins):
     return [*others, controller._replace(remappings=(ESTIMATED,)), estimator, plant]
 
 
+def record_to(nodes: Sequence[Node], bag: Path, run_info: Path) -> list[Node]:
+    """Return nodes whose recorder makes the folder `bag` and has the file of run information."""
+    places = {'out': str(bag), 'run_info': str(run_info)}
+    return [
+        node._replace(parameters=node.parameters | places) if node.role == 'recorder' else node
+        for node in nodes
+    ]
+
+
 def build_mpcc_nodes(
     road: str, mode: str, folder: Path, overrides: Mapping[str, Mapping[str, Any]]
 ) -> list[Node]:
@@ -208,8 +213,9 @@ def build_mpcc_nodes(
     """
     run_info = folder / node_config.RUN_INFO_FILE
     run_info.write_text('{}')
-    mpcc, places = node_config.find_controller('mpcc'), (folder / node_config.BAG_FOLDER, run_info)
-    return build_nodes(load_scenario(road), road, mpcc, overrides, mode=mode, recording=places)
+    mpcc = node_config.find_controller('mpcc')
+    nodes = build_nodes(load_scenario(road), road, mpcc, overrides, mode=mode)
+    return record_to(nodes, folder / node_config.BAG_FOLDER, run_info)
 
 
 def controller_params(name_or_path: str) -> ControllerParams:
