@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from experiments.commands import add_dask, add_jobs, positive_count
+from experiments.commands import add_workers, positive_count
 
 HELP = 'the study of tuned controllers: drive it, decide it; the shares of the first study'
 EXAMPLE = 'experiments study decide paper/study'
@@ -30,8 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--out', type=Path, metavar='DIR', help=text)
     text = 'of `run`, instead of the rule'
     parser.add_argument('--replicates', type=positive_count, metavar='N', help=text)
-    add_jobs(parser, 'the rows')
-    add_dask(parser)
+    add_workers(parser, 'the rows')
 
 
 def run(options: argparse.Namespace) -> int:

@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from bags.command_line import add_out, print_paths, print_text
-from experiments.commands import add_dask, add_jobs
+from experiments.commands import add_workers
 
 HELP = 'tune the weights of a controller'
 EXAMPLE = 'experiments tune mpcc --out /tmp/tuning'
@@ -20,8 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = 'with the plan that has ranges, cost and budget (default: paper/study)'
     parser.add_argument('--plan', type=Path, metavar='DIR', help=text)
     parser.add_argument('--seed', type=int, default=SEED, help=f'of the search (default: {SEED})')
-    add_jobs(parser, 'the result')
-    add_dask(parser)
+    add_workers(parser, 'the result')
     add_out(parser, OUT, '<controller>/; a search in that folder is continued')
 
 
