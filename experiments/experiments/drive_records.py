@@ -6,12 +6,13 @@ kill or a full disk tore is noticed, and its drive is simulated again.
 
 import fcntl
 import json
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping
 from io import BytesIO
 from pathlib import Path
 
 from bags.errors import BagError
-from experiments.pool import Finished
+from experiments.pool import Pool
 from experiments.progress import CountProgress
 
 FILE = 'drives.jsonl'
@@ -66,33 +67,45 @@ class DriveRecords(dict[str, str]):
             raise BagError(f'{self.path}: {reason}; the drives before this one are kept')
         self[key] = results
 
+    def finish(
+        self,
+        pool: Pool,
+        function: Callable,
+        tasks: Mapping[str, tuple],
+        limit_s: float = math.inf,
+    ) -> Iterator[tuple[str, Exception | None]]:
+        """Do the tasks, by key, that have no record; yield key and error of each as it ends.
 
-def record_each(
-    ended: Iterator[Finished],
-    keys: Sequence[str],
-    total: int,
-    records: DriveRecords,
-    errors: dict[str, str],
-    progress: CountProgress,
-) -> None:
-    """Add the results of each drive to the records, or its error to `errors`, by its key.
+        `function` returns the results, a JSON object, which are kept; `limit_s` is the wall time
+        after which a task fails.
+        """
+        missing = {key: task for key, task in tasks.items() if key not in self}
+        keys = list(missing)
+        for ended in pool.finish_each(function, [*missing.values()], limit_s):
+            key = keys[ended.number]
+            if not ended.error:
+                self.add(key, ended.value)
+            yield key, ended.error
 
-    `keys` are those of the drives that are yet to end, by their number; `total` counts the recorded
-    ones, too.
-    """
-    done = total - len(keys)
-    progress.show('drives', done, total)
-    for finished in ended:
-        key = keys[finished.number]
-        if finished.error:
-            # those that a person was meant to read have no class
-            known = isinstance(finished.error, BagError)
-            kind = '' if known else f'{type(finished.error).__name__}: '
-            errors[key] = ' '.join(f'{kind}{finished.error}'.split())
-        else:
-            records.add(key, finished.value)
-        done += 1
-        note = f'{len(errors):,} failed' if errors else ''
-        progress.show('drives', done, total, note)
-        if done * LINES // total > (done - 1) * LINES // total:
-            progress.print_line(' '.join((f'{done:,} of {total:,}', note)).rstrip())
+    def finish_all(
+        self,
+        pool: Pool,
+        progress: CountProgress,
+        function: Callable,
+        tasks: Mapping[str, tuple],
+        errors: dict[str, str],
+        limit_s: float = math.inf,
+    ) -> None:
+        """Do the tasks as `finish`, and show how many have ended; errors go to `errors`, by key."""
+        done, total = sum(key in self for key in tasks), len(tasks)
+        progress.show('drives', done, total)
+        for key, error in self.finish(pool, function, tasks, limit_s):
+            if error:
+                # those that a person was meant to read have no class
+                kind = '' if isinstance(error, BagError) else f'{type(error).__name__}: '
+                errors[key] = ' '.join(f'{kind}{error}'.split())
+            done += 1
+            note = f'{len(errors):,} failed' if errors else ''
+            progress.show('drives', done, total, note)
+            if done * LINES // total > (done - 1) * LINES // total:
+                progress.print_line(' '.join((f'{done:,} of {total:,}', note)).rstrip())

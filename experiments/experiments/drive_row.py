@@ -26,7 +26,7 @@ from experiments.configuration.inputs import KPH
 from experiments.families import draw as families
 from experiments.simulation import Setup
 from msgs_yaml import share
-from msgs_yaml.strict_yaml import Choice, Leaf, closest
+from msgs_yaml.strict_yaml import Choice, closest, leaf_of
 from node_runtime.parameters import SPEED
 from scenario_publisher import scenario, schema
 from scenario_publisher.scenario import Scenario
@@ -34,7 +34,7 @@ from vehicle_plant import initial_state
 
 SCENARIO_SPEED = 'scenario.speed_mps'  # replaces the desired speed by a constant
 SCENARIO_FRICTION = 'scenario.friction'  # of the road; the controller assumes it, too
-# after the dot, arguments of inputs.load_scenario
+# after the dot, arguments of inputs.change_scenario
 SCENARIO_SETTINGS = {
     SCENARIO_SPEED: Annotated[float, SPEED],
     SCENARIO_FRICTION: schema.Friction,
@@ -136,37 +136,32 @@ def _controller_name(name_or_path):
 
 def as_pairs(settings: Sequence[str]) -> Pairs:
     """Return the settings of `--set NODE.parameter=value` texts. Raises BagError."""
-    pairs = []
-    for role, values in set_option.parse_overrides(settings).items():
-        for name, value in values.items():
-            full = f'{role}.{name}'
-            if full in SCENARIO_SETTINGS:
-                check_scenario_setting(full, value, f'--set {full}')
-            pairs.append((full, tuple(value) if isinstance(value, list) else value))
-    split_settings(dict(pairs), '--set')
-    return tuple(pairs)
-
-
-def check_scenario_setting(name: str, value: Any, source: str) -> None:
-    """Refuse a value of SCENARIO_SETTINGS out of range; `source` is where it is from."""
-    kind, rule = get_args(SCENARIO_SETTINGS[name])
-    fault = Leaf(kind, False, rule).fault(value)
-    if fault:
-        raise BagError(f'{source}: {fault}')
+    pairs = tuple(
+        (f'{role}.{name}', tuple(value) if isinstance(value, list) else value)
+        for role, values in set_option.parse_overrides(settings).items()
+        for name, value in values.items()
+    )
+    split_settings(dict(pairs), '--set', '--set {}'.format)
+    return pairs
 
 
 def split_settings(
-    settings: Mapping[str, Any], source: str = 'settings'
+    settings: Mapping[str, Any],
+    source: str = 'settings',
+    written: Callable[[str], str] = '{}'.format,
 ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
     """Return what changes the scenario, and the parameters of the nodes by role.
 
-    Raises BagError, which begins with `source`, for a name of no node.
+    Raises BagError, which begins with `source`, for a name of no node, and for a value of
+    SCENARIO_SETTINGS out of range, which begins with `written(name)`.
     """
     changes: dict[str, Any] = {}
     by_role: dict[str, dict[str, Any]] = {}
     for name, value in settings.items():
         role, _, parameter = name.partition('.')
         if name in SCENARIO_SETTINGS:
+            if fault := leaf_of(SCENARIO_SETTINGS[name]).fault(value):
+                raise BagError(f'{written(name)}: {fault}')
             changes[parameter] = value if isinstance(value, str) else float(value)
         elif role in ROLES and parameter:
             by_role.setdefault(role, {})[parameter] = value
@@ -185,7 +180,7 @@ def prepare(row: Row, any_car: bool = False, written: Callable[[str], str] = '{}
     the controller knows.
     """
     changes, settings = split_settings(dict(row.settings))
-    scn, drawn = load_scenario(row, **changes)
+    scn, drawn = _load(row, changes)
     for role, values in drawn.items():
         settings[role] = {**values, **settings.get(role, {})}
     if row.draw and SENSORS in settings.get('plant', ()):  # each draw is measured anew
@@ -207,25 +202,15 @@ def prepare(row: Row, any_car: bool = False, written: Callable[[str], str] = '{}
     return setup._replace(scn=scn, friction=setup.friction * row.offset.grip)
 
 
-def load_scenario(
-    row: Row,
-    speed_mps: float | None = None,
-    friction: float | None = None,
-    predictions: str | None = None,
-) -> tuple[Scenario, Mapping[str, Mapping[str, Any]]]:
-    """Return the scenario of a row, and the parameters that a draw sets besides, by role.
-
-    Changed as by `inputs.load_scenario` where given. Raises BagError.
-    """
+def _load(row, changes) -> tuple[Scenario, Mapping[str, Mapping[str, Any]]]:
+    """Return the changed scenario of a row, and the parameters that a draw sets, by role."""
     if row.draw is None:
-        return inputs.load_scenario(row.scenario, speed_mps, friction, predictions), {}
+        return inputs.load_scenario(row.scenario, **changes), {}
     draw = _draw(*row.draw[:4])
     try:
-        scn = draw.scenario()
-        scn = inputs.change_scenario(scn, draw.name, speed_mps, friction, predictions)
+        return inputs.change_scenario(draw.scenario(), draw.name, **changes), draw.settings
     except scenario.ScenarioError as error:
         raise BagError(str(error)) from None
-    return scn, draw.settings
 
 
 # searches drive the same draws again and again

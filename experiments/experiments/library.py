@@ -15,13 +15,11 @@ from rich.table import Table
 
 from bags.command_line import print_text
 from bags.errors import BagError
-from experiments import code_version, drive_row, pass_criteria, row_runner
 from experiments import console as tables
+from experiments import drive_row, pass_criteria, row_runner
 from experiments.configuration import node_config
 from experiments.drive_row import SCENARIO_SPEED, Row
 from experiments.families import draw
-from experiments.pool import Pool
-from experiments.progress import CountProgress
 from experiments.statistical_inference import wilson_interval
 from msgs_yaml.strict_yaml import closest
 from scenario_publisher import scenario
@@ -116,11 +114,8 @@ def run(
     for row in {row.controller: row for row in rows}.values():
         drive_row.prepare(row, written='--set {}'.format)
     notes = {'library': json.dumps(vars(options), default=str)}
-    with (
-        CountProgress(console) as progress,
-        Pool(options.jobs, options.dask, code_version.describe) as pool,
-    ):
-        lines = row_runner.run_rows(rows, options.out, pool, progress, options.time_limit_s, notes)
+    with row_runner.driving(options, console) as workers:
+        lines = row_runner.run_rows(rows, options.out, *workers, options.time_limit_s, notes)
     is_well = _show(lines, entries, options.at_least, console)
     return 0 if is_well and not any(line['error'] for line in lines) else 1
 

@@ -3,12 +3,12 @@
 import json
 import os
 from collections.abc import Callable
-from functools import cache, lru_cache
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
-import vehicle_plant
+from experiments import code_version
 from node_runtime import parameters, provenance
 from stage_solver import compile_cache
 from vehicle_plant import circular_driving, identify
@@ -17,7 +17,7 @@ from vehicle_plant.circular_driving import CircleError
 from vehicle_plant.parameters import PlantParams
 
 MANOEUVRE = 'identify.yaml'
-LIBRARIES = ('casadi', 'commonroad-vehicle-models')  # that decide how a plant drives
+ROOTS = ('vehicle_plant.circular_driving', __name__)  # decide how a plant drives it
 GRID = 10  # frictions at which a plant drives the circle, per 1; linear between them to 0.2 %
 
 
@@ -54,7 +54,8 @@ def _limit_at(plant, step):
         except CircleError:
             return json.dumps(None)
 
-    content = '\0'.join((identify.digest(plant), f'{step:g}', _sources()))
+    manoeuvre = plant_parameters.config_file(MANOEUVRE).read_text()
+    content = repr((identify.digest(plant), step, code_version.digest(ROOTS), manoeuvre))
     return json.loads(kept_text('lateral_limits/{}.json', content, find).read_text())
 
 
@@ -73,12 +74,3 @@ def kept_text(name: str, content: str, make: Callable[[], str]) -> Path:
         part.write_text(text)
         os.replace(part, file)
     return file
-
-
-@cache
-def _sources():
-    """Return a digest of the manoeuvre, the plants' code and the libraries that they stand on."""
-    files = sorted(Path(vehicle_plant.__file__).parent.rglob('*.py'))
-    code = [file.read_text() for file in (*files, plant_parameters.config_file(MANOEUVRE))]
-    versions = provenance.versions()
-    return provenance.digest('\0'.join((*code, *(versions[name] for name in LIBRARIES))))

@@ -31,15 +31,6 @@ MARGIN_M = 4.0
 ROAD, PATH, OBSTACLE, SLIPPERY, SPEED = '#ececec', '#0072B2', '#CC3311', '#9bd3e6', '#009E73'
 
 
-class Circles(NamedTuple):
-    """What a controller keeps between its car and the surroundings."""
-
-    horizon_s: float  # how far ahead it plans
-    radius_m: float  # of the circle of the car
-    obstacle_m: float  # safety distance to obstacles
-    edge_m: float  # to road edges
-
-
 class Encounter(NamedTuple):
     """How close a car that follows the path at the desired speed comes to an obstacle."""
 
@@ -48,28 +39,18 @@ class Encounter(NamedTuple):
     station: float  # m
 
 
-def circles_of(params: ControllerParams) -> Circles:
-    """Return the distances of a controller."""
-    return Circles(
-        params.model.horizon * params.model.step_s,
-        params.body.circle_radius_m,
-        params.safety.obstacle_m,
-        params.safety.edge_m,
-    )
-
-
-def room_beside(scn: Scenario, circles: Circles) -> np.ndarray:
+def room_beside(scn: Scenario, params: ControllerParams) -> np.ndarray:
     """Return how far a car on the coarse path is from the nearer edge [m], sample by sample, (n,).
 
-    From its circle, at the samples of `advice.path_demand`.
+    From the circle that its controller has, at the samples of `advice.path_demand`.
     """
     edges, ref = scn.edges, scn.reference
     left, right = (polyline.left_of(edge, ref.X, ref.Y) for edge in (edges.left, edges.right))
-    return np.minimum(-left, right) - circles.radius_m
+    return np.minimum(-left, right) - params.body.circle_radius_m
 
 
 def encounter(
-    scn: Scenario, actor: Actor, station: np.ndarray, circles: Circles
+    scn: Scenario, actor: Actor, station: np.ndarray, params: ControllerParams
 ) -> Encounter | None:
     """Return where a car that follows the path comes closest to an obstacle, None if it is gone.
 
@@ -88,13 +69,13 @@ def encounter(
     each = zip(X, Y, places)
     apart = [min(np.hypot(x - o.X, y - o.Y) for o in discs) for x, y, discs in each]
     i = int(np.argmin(apart))
-    gap = float(apart[i]) - actor.obstacle.r_obs - circles.radius_m
+    gap = float(apart[i]) - actor.obstacle.r_obs - params.body.circle_radius_m
     return Encounter(gap, float(times[i]), float(np.interp(along[i], ref.t, station)))
 
 
-def show(scn: Scenario, circles: Circles, console: Console) -> None:
-    """Print what a scenario holds."""
-    path, to_edge = advice.path_demand(scn), room_beside(scn, circles)
+def show(scn: Scenario, params: ControllerParams, console: Console) -> None:
+    """Print what a scenario holds, for a controller with these parameters."""
+    path, to_edge = advice.path_demand(scn), room_beside(scn, params)
     finish = advice.finish_station(scn)
     slow, fast = path.speed.min(), path.speed.max()
     k = int(np.argmax(np.abs(path.lateral) / path.friction))
@@ -112,14 +93,14 @@ def show(scn: Scenario, circles: Circles, console: Console) -> None:
         'path asks for': f'up to {lateral:.1f} m/s2 sideways, at {at:.0f} m: '
         f'{lateral / (path.friction[k] * advice.GRAVITY):.0%} of friction times g',
         'room beside it': f'at least {to_edge.min():.2f} m from the circle of a car '
-        f'({circles.radius_m:g} m) to an edge, at {where:.0f} m (safety distance '
-        f'{circles.edge_m:g} m)',
+        f'({params.body.circle_radius_m:g} m) to an edge, at {where:.0f} m (safety distance '
+        f'{params.safety.edge_m:g} m)',
     }
     for label, text in lines.items():
         print_text(console, f'{label + ":":16}{text}')
     for actor in scn.actors:
         print_text(console, f'obstacle {actor.obstacle.id}:'.ljust(16) + _about(actor))
-        print_text(console, ' ' * 16 + _meeting(scn, actor, path.station, circles))
+        print_text(console, ' ' * 16 + _meeting(scn, actor, path.station, params))
 
 
 def show_refusals(failed: str, console: Console) -> None:
@@ -162,19 +143,19 @@ def _about(actor):
     return text + (f' to {actor.disappears:g} s' if np.isfinite(actor.disappears) else '')
 
 
-def _meeting(scn, actor, station, circles):
-    met = encounter(scn, actor, station, circles)
+def _meeting(scn, actor, station, params):
+    met, safe = encounter(scn, actor, station, params), params.safety.obstacle_m
     if met is None:
         return 'not there while a car on the path drives'
     what = f'pass at {met.gap_m:.2f} m'
     if met.gap_m < 0.0:
         what = f'hit it (circles overlap by {-met.gap_m:.2f} m)'
-    elif met.gap_m < circles.obstacle_m:
-        what += f', inside the safety distance ({circles.obstacle_m:g} m)'
+    elif met.gap_m < safe:
+        what += f', inside the safety distance ({safe:g} m)'
     return f'a car on the path would {what}, after {met.t:.1f} s, at {met.station:.0f} m'
 
 
-def draw(scn: Scenario, circles: Circles, path: Path) -> Path:
+def draw(scn: Scenario, params: ControllerParams, path: Path) -> Path:
     """Draw a scenario into a file, PNG or SVG by its suffix; return it."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
@@ -186,7 +167,7 @@ def draw(scn: Scenario, circles: Circles, path: Path) -> Path:
         figure = Figure(figsize=(WIDE_INCH, above + 2 * STRIP_INCH), layout='constrained')
         top, speed, lateral = figure.subplots(3, 1, height_ratios=(above, STRIP_INCH, STRIP_INCH))
         speed.sharex(lateral)
-        _from_above(top, scn, circles)
+        _from_above(top, scn, params)
         # where the shape allows it the scales are equal; a long road is stretched across
         stretch = size[0] / size[1] / (WIDE_INCH / above)
         top.set_xlim(low[0], high[0])
@@ -201,7 +182,7 @@ def draw(scn: Scenario, circles: Circles, path: Path) -> Path:
     return path
 
 
-def _from_above(axes, scn, circles):
+def _from_above(axes, scn, params):
     from matplotlib.patches import Circle, Polygon
 
     left, right = scn.edges.left, scn.edges.right
@@ -210,7 +191,7 @@ def _from_above(axes, scn, circles):
         axes.add_patch(Polygon(corners, color=SLIPPERY, lw=0, label='' if i else 'other friction'))
     for edge in (left, right):
         axes.plot(*edge.T, color=style.EDGE, lw=1.0)
-    for edge, inside in ((left, -circles.edge_m), (right, circles.edge_m)):
+    for edge, inside in ((left, -params.safety.edge_m), (right, params.safety.edge_m)):
         safe = geometry.offset_polyline(edge, inside)
         axes.plot(*safe.T, color=style.UNSAFE, lw=0.8, ls=':')
     axes.plot(scn.reference.X, scn.reference.Y, color=PATH, lw=1.4, label='coarse path')
@@ -220,7 +201,7 @@ def _from_above(axes, scn, circles):
             alpha = 0.85 if count == 0 else 0.25
             for d in o.discs():
                 axes.add_patch(Circle((d.X, d.Y), d.r_obs, color=OBSTACLE, alpha=alpha, lw=0))
-                safe = d.r_obs + circles.obstacle_m
+                safe = d.r_obs + params.safety.obstacle_m
                 ring = Circle((d.X, d.Y), safe, fill=False, ec=style.UNSAFE, ls=':', lw=0.8)
                 axes.add_patch(ring)
             if count and count % 2 == 0:
@@ -236,7 +217,7 @@ def _from_above(axes, scn, circles):
                 text, (o.X, o.Y + o.r_obs), (0, 5), textcoords='offset points', ha='center'
             )
     start = (scn.start.X, scn.start.Y)
-    axes.add_patch(Circle(start, circles.radius_m, fill=False, ec=PATH, lw=1.2))
+    axes.add_patch(Circle(start, params.body.circle_radius_m, fill=False, ec=PATH, lw=1.2))
     forward = np.array([np.cos(scn.start.psi), np.sin(scn.start.psi)])
     axes.annotate(
         '', np.array(start) + 8.0 * forward, start, arrowprops={'arrowstyle': '-|>', 'color': PATH}

@@ -5,19 +5,23 @@
 them, then `error`, then its results.
 """
 
+import argparse
 import importlib.util
 import json
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from rich.console import Console
 
 from bags.command_line import print_text
 from bags.errors import BagError
 from bags.evaluation.metrics import METRICS
 from experiments import code_version, drive_row
-from experiments.drive_records import DriveRecords, record_each
+from experiments.drive_records import DriveRecords
 from experiments.drive_row import Row
 from experiments.pool import Pool
 from experiments.progress import CountProgress
@@ -30,6 +34,16 @@ TIMES = ('wall_s', 'cpu_s')  # of a drive
 ORDER = {
     name: place for place, name in enumerate((*TIMES, 'friction', 'verdict', *METRICS, 'solver'))
 }
+
+
+@contextmanager
+def driving(options: argparse.Namespace, console: Console) -> Iterator[tuple[Pool, CountProgress]]:
+    """Yield the pool of the options --jobs and --dask, and the progress that it shows."""
+    with (
+        CountProgress(console) as progress,
+        Pool(options.jobs, options.dask, code_version.describe) as pool,
+    ):
+        yield pool, progress
 
 
 def run_rows(
@@ -67,14 +81,12 @@ def run_rows(
             keys.append(drive_row.key(row))
             progress.show('drawn', len(keys), len(rows))
         kept = sum(key in records for key in keys)
-        missing = {key: row for key, row in zip(keys, rows) if key not in records}
         # what a process prepared for a controller serves its next rows
-        missing = dict(sorted(missing.items(), key=lambda pair: pair[1].formulation))
-        tasks = [(row, key, drive) for key, row in missing.items()]
+        ordered = sorted(zip(keys, rows), key=lambda pair: pair[1].formulation)
+        tasks = {key: (row, key, drive) for key, row in ordered}
         try:
-            ended = pool.finish_each(drive_row.drive_unchanged, tasks, limit_s)
-            done = sum(key in records for key in set(keys))
-            record_each(ended, list(missing), done + len(missing), records, errors, progress)
+            how = drive_row.drive_unchanged, tasks, errors, limit_s
+            records.finish_all(pool, progress, *how)
         except KeyboardInterrupt:
             interrupted = True
         ended_rows = [

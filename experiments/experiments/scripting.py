@@ -127,9 +127,7 @@ class _Task:
 
     def __init__(self, scenario, controller, settings, any_car):
         self.settings = {name: _plain(value) for name, value in settings.items()}
-        for name in drive_row.SCENARIO_SETTINGS.keys() & self.settings.keys():
-            drive_row.check_scenario_setting(name, self.settings[name], _written(name))
-        changes, by_role = drive_row.split_settings(self.settings)
+        changes, by_role = drive_row.split_settings(self.settings, 'settings', _written)
         scn, source = _load(scenario, changes)
         self.setup = simulation.prepare_scenario(
             scn, os.fspath(controller), by_role, source, _written, any_car

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -86,7 +85,7 @@ def prepare(
     the plant that has no effect in process, and, unless `any_car`, for a plant that is another car
     than the controller knows.
     """
-    scn = inputs.load_scenario(scenario_name, speed_mps)
+    scn = inputs.load_scenario(scenario_name, speed_mps=speed_mps)
     return prepare_scenario(scn, controller, settings, scenario_name, any_car=any_car)
 
 
@@ -108,14 +107,11 @@ def prepare_scenario(
             allowed = f'{", ".join(PLANT_SETTINGS)}, {groups}'
             raise BagError(f'plant.{name} has no effect in process; allowed are {allowed}')
     chosen = node_config.find_controller(controller)
-    unused = Path()
     origins = {
         role: {name: written(f'{role}.{name}') for name in values}
         for role, values in settings.items()
     }
-    nodes = inputs.build_nodes(
-        scn, source or scn.name, chosen, 'lockstep', unused, unused, settings, origins
-    )
+    nodes = inputs.build_nodes(scn, source or scn.name, chosen, settings, origins)
     checked = inputs.check_parameters(nodes)
     if not any_car:
         inputs.check_car_fits(nodes, checked, *IN_PYTHON)

@@ -80,9 +80,8 @@ def start_nodes(context):
     bag = _new_bag(given['out'], scn, controller) if record else folder / node_config.BAG_FOLDER
     run_info = folder / node_config.RUN_INFO_FILE
     overrides, origins = _overrides(given)
-    nodes = inputs.build_nodes(
-        scn, given['scenario'], controller, mode, bag, run_info, overrides, origins, record=record
-    )
+    nodes = inputs.build_nodes(scn, given['scenario'], controller, overrides, origins, mode, record)
+    nodes = inputs.record_to(nodes, bag, run_info)
     checked = inputs.check_parameters(nodes)
     if given['any_car'] == 'false':
         inputs.check_car_fits(

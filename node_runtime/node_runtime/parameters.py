@@ -198,7 +198,7 @@ def _own_parameters(root):
     node = next(iter(root.items())) if len(root.items()) == 1 else ''
     name = node if node.startswith('/') else '/**'
     parameters = root.members((name,))[name].members(('ros__parameters',))['ros__parameters']
-    items, lines = _leaf_items(parameters, ''), root.path.read_text().splitlines()
+    items, lines = leaf_items(parameters), root.path.read_text().splitlines()
     base = items.pop(BASE, None)
     values = {key: item.value_or_empty() for key, item in items.items()}
     sources = {key: f'{root.path}:{item.line}' for key, item in items.items()}
@@ -216,14 +216,15 @@ def _find_base(item: Item, path, config):
     raise item.error(f'there is no file {name} in {" or ".join(map(str, folders))}')
 
 
-def _leaf_items(item, prefix):
-    leaf_items = {}
+def leaf_items(item: Item, prefix: str = '') -> dict[str, Item]:
+    """Return what is nested in an item, by dotted name, which is its key. Raises YamlError."""
+    leaves_below = {}
     for name, member in item.items().items():
         nested = member.node.id == 'mapping'
         key = f'{prefix}{name}'
         member = member._replace(key=key)
-        leaf_items.update(_leaf_items(member, f'{key}.') if nested else {key: member})
-    return leaf_items
+        leaves_below.update(leaf_items(member, f'{key}.') if nested else {key: member})
+    return leaves_below
 
 
 def flatten(parameters: Any) -> dict[str, Any]:

@@ -10,32 +10,26 @@ from scenario_publisher import advice, scenario
 
 
 @pytest.fixture(scope='module')
-def circles():
-    return preview.circles_of(inputs.controller_params('mpcc'))
+def params():
+    return inputs.controller_params('mpcc')
 
 
-def test_the_distances_are_those_of_the_controller(circles):
-    assert circles == (2.5, 1.1, 0.5, 0.5)
-    road = preview.circles_of(inputs.controller_params('mpcc_road'))
-    assert road.horizon_s == 2.5
-
-
-def test_a_car_on_the_path_meets_an_obstacle_where_and_when_it_does(circles):
+def test_a_car_on_the_path_meets_an_obstacle_where_and_when_it_does(params):
     scn = scenario.load('double_lane_change')
     station = advice.path_demand(scn).station
-    met = preview.encounter(scn, scn.actors[0], station, circles)
+    met = preview.encounter(scn, scn.actors[0], station, params)
     o, ref = scn.actors[0].obstacle, scn.reference
-    nearest = np.hypot(ref.X - o.X, ref.Y - o.Y).min() - o.r_obs - circles.radius_m
+    nearest = np.hypot(ref.X - o.X, ref.Y - o.Y).min() - o.r_obs - params.body.circle_radius_m
     assert met.gap_m == pytest.approx(nearest, abs=0.03)
     speed = np.diff(station)[0] / np.diff(ref.t)[0]
     assert met.t == pytest.approx(met.station / speed, abs=0.06)
 
 
-def test_an_obstacle_that_is_gone_is_not_met(circles):
+def test_an_obstacle_that_is_gone_is_not_met(params):
     scn = scenario.load('pop_up')
     actor = scn.actors[0]._replace(appears=500.0)
     station = advice.path_demand(scn).station
-    assert preview.encounter(scn, actor, station, circles) is None
+    assert preview.encounter(scn, actor, station, params) is None
 
 
 @pytest.mark.parametrize('name', ['several_movers', 'split_mu'])

@@ -20,8 +20,8 @@ from rich.console import Console
 from rich.table import Table
 
 from bags.errors import BagError
-from experiments import code_version, drive_row, row_runner
 from experiments import console as tables
+from experiments import drive_row, row_runner
 from experiments.batch import distributions, study_file
 from experiments.batch.study_file import StudyFile
 from experiments.configuration import inputs, node_config
@@ -51,10 +51,7 @@ def run(
     written.
     """
     study = study_file.load(options.study)
-    with (
-        CountProgress(console) as progress,
-        Pool(options.jobs, options.dask, code_version.describe) as pool,
-    ):
+    with row_runner.driving(options, console) as (pool, progress):
         given = drive_row.as_pairs(options.settings)
         rows = check_rows(study, pool, progress, given)
         notes = {'study': study.text}
@@ -182,25 +179,18 @@ def draw_offsets(runs: int, seed: int) -> list[Offset]:
 
 
 def check(combination: Row) -> str:
-    """Refuse a combination that no node takes; return what `describe_misfit` says of it.
+    """Refuse a combination that no node takes; return a warning of another car, '' for none.
 
-    A draw of a family is checked on another road. Raises BagError.
+    That is a plant file which the controller's car file does not fit: the file alone counts, as
+    single parameters of the plant's car are varied on purpose. A draw of a family is checked on
+    another road. Raises BagError.
     """
     row = combination._replace(scenario=ANY_ROAD) if combination.draw else combination
     drive_row.prepare(row, any_car=True)
-    return describe_misfit(row)
-
-
-def describe_misfit(row: Row) -> str:
-    """Return a line about a plant file that is another car than the controller knows, '' for none.
-
-    The file alone counts: single parameters of the plant's car are varied on purpose.
-    """
-    settings = tuple(pair for pair in row.settings if not pair[0].startswith(CAR))
-    chosen = dict(settings)
+    chosen = dict(pair for pair in row.settings if not pair[0].startswith(CAR))
     if PLANT_FILE not in chosen:
         return ''
-    setup = drive_row.prepare(row._replace(settings=settings), any_car=True)
+    setup = drive_row.prepare(row._replace(settings=(*chosen.items(),)), any_car=True)
     reasons = inputs.car_mismatches(setup.params, setup.vehicle, setup.plant)
     if not reasons:
         return ''

@@ -19,7 +19,7 @@ import os
 from collections.abc import Sequence
 from math import prod
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, get_args
+from typing import Annotated, Any, Literal, NamedTuple
 
 from bags.errors import BagError
 from experiments.batch import distributions
@@ -29,7 +29,16 @@ from experiments.configuration.inputs import PLANT_CAR
 from experiments.drive_row import ROLES, SCENARIO_SETTINGS, SCENARIO_SPEED
 from experiments.families.draw import LIBRARY, NOMINAL
 from experiments.simulation import PLANT_SETTINGS
-from msgs_yaml.strict_yaml import EMPTY, Item, Leaf, Pattern, YamlError, closest, parse_value, read
+from msgs_yaml.strict_yaml import (
+    EMPTY,
+    Item,
+    Pattern,
+    YamlError,
+    closest,
+    leaf_of,
+    parse_value,
+    read,
+)
 from node_runtime.parameters import Range
 
 SETTING_NAMES = f'plant.*, controller.*, {", ".join(SCENARIO_SETTINGS)}'
@@ -192,8 +201,7 @@ def _parse_drawn(item):
     name = _setting_name(item, 'draw')
     distribution = distributions.parse(item)
     if name in SCENARIO_SETTINGS:
-        kind, rule = get_args(SCENARIO_SETTINGS[name])
-        for fault in map(Leaf(kind, False, rule).fault, distribution.ends):
+        for fault in map(leaf_of(SCENARIO_SETTINGS[name]).fault, distribution.ends):
             if fault:
                 raise item.error(fault)
     return Drawn(name, distribution, item)

@@ -44,8 +44,9 @@ def add_jobs(parser: argparse.ArgumentParser, constant: str) -> None:
     parser.add_argument('--jobs', type=positive_count, default=cores, metavar='N', help=text)
 
 
-def add_dask(parser: argparse.ArgumentParser) -> None:
-    """Add the option --dask."""
+def add_workers(parser: argparse.ArgumentParser, constant: str) -> None:
+    """Add the options --jobs and --dask of `row_runner.driving`; `constant` as in `add_jobs`."""
+    add_jobs(parser, constant)
     text = 'of a dask scheduler, as tcp://10.0.0.1:8786, whose workers do the drives; instead of '
     text += '--jobs (docs/batch.md)'
     parser.add_argument('--dask', default='', metavar='ADDRESS', help=text)

@@ -26,7 +26,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from experiments.commands import add_dask, add_jobs, add_sensors, add_time_limit
+from experiments.commands import add_sensors, add_time_limit, add_workers
 
 HELP = 'simulate scenarios, controllers, settings and random draws; a Parquet table'
 EXAMPLE = 'experiments batch experiments/config/batch_example.yaml --out /tmp/batch'
@@ -42,8 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--out', type=Path, required=True, metavar='DIR', help=text)
     parser.set_defaults(settings=[])
     add_sensors(parser)
-    add_jobs(parser, 'the table')
-    add_dask(parser)
+    add_workers(parser, 'the table')
     add_time_limit(parser, '--limit-s', LIMIT_S, 'a drive counts as failed')
 
 

@@ -19,11 +19,10 @@ from rich.console import Console
 
 from bags.errors import BagError
 from experiments.commands import (
-    add_dask,
-    add_jobs,
     add_list,
     add_sensors,
     add_time_limit,
+    add_workers,
     count,
     positive_count,
     share,
@@ -67,8 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_list(parser, '--set', text, dest='settings', metavar='NODE.param=value')
     add_sensors(parser)
     parser.add_argument('--out', type=Path, metavar='PATH', help='receives table and records')
-    add_jobs(parser, 'the table')
-    add_dask(parser)
+    add_workers(parser, 'the table')
     add_time_limit(parser, '--limit-s', LIMIT_S, 'a drive counts as failed')
     text = 'exit code 1 when a family survives less, 0 to 1'
     parser.add_argument('--at-least', type=share, metavar='SHARE', help=text)

@@ -45,19 +45,12 @@ def run(options: argparse.Namespace) -> int:
 
 def _drive(file, out, console):
     """Return the bags of the runs of a file; BagError when one of them was not completed."""
-    from experiments.run import run_and_compare, run_file
+    from experiments.run import run_and_compare
 
     if not file.is_file():
         raise BagError(f'{file}: is not here; `experiments paper` runs in a clone')
-    chosen = run_file.load(str(file))
-    settings = [
-        f'{role}.{name}={value}'
-        for role, values in chosen.settings.items()
-        for name, value in values.items()
-    ]
     request = run_and_compare.Request(
-        *(chosen.scenario, chosen.controllers, 'lockstep', out / 'bags', settings, TIME_LIMIT_S),
-        overwrite=True,
+        str(file), (), 'lockstep', out / 'bags', (), TIME_LIMIT_S, overwrite=True
     )
     _, outcomes = run_and_compare.run_controllers(request, console)
     for outcome in outcomes:

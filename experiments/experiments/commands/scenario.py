@@ -34,13 +34,11 @@ def run(options: argparse.Namespace) -> int:
         if error.check:
             preview.show_refusals(error.check, console)
         raise BagError(str(error)) from None
-    here = Path()
-    nodes = node_config.build_nodes(scn, options.scenario, controller, 'lockstep', here, here, {})
-    checked = inputs.check_parameters(nodes)
-    circles = preview.circles_of(checked[inputs.CONTROLLER][0])
-    preview.show(scn, circles, console)
+    checked = inputs.check_parameters(inputs.build_nodes(scn, options.scenario, controller))
+    params, _ = checked[inputs.CONTROLLER]
+    preview.show(scn, params, console)
     preview.show_refusals('', console)
     preview.show_advice(run_advice.judge(scn, options.scenario, checked), console)
     if options.plot:
-        print_paths(console, {'\npicture': preview.draw(scn, circles, options.plot)})
+        print_paths(console, {'\npicture': preview.draw(scn, params, options.plot)})
     return 0

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from experiments.commands import add_dask, add_jobs, positive_count
+from experiments.commands import add_workers, positive_count
 
 HELP = 'the study of tuned controllers: drive it, decide it; the shares of the first study'
 EXAMPLE = 'experiments study decide paper/study'
@@ -30,8 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--out', type=Path, metavar='DIR', help=text)
     text = 'of `run`, instead of the rule'
     parser.add_argument('--replicates', type=positive_count, metavar='N', help=text)
-    add_jobs(parser, 'the rows')
-    add_dask(parser)
+    add_workers(parser, 'the rows')
 
 
 def run(options: argparse.Namespace) -> int:
@@ -56,14 +55,9 @@ def run(options: argparse.Namespace) -> int:
         do = report.write if options.part == 'decide' else report.explain
         do(own, folder, out, console)
     else:
-        from experiments import code_version
+        from experiments import row_runner
         from experiments.decisive import run as study
-        from experiments.pool import Pool
-        from experiments.progress import CountProgress
 
-        with (
-            CountProgress(console) as progress,
-            Pool(options.jobs, options.dask, code_version.describe) as pool,
-        ):
-            study.run(own, out, pool, progress, options.replicates)
+        with row_runner.driving(options, console) as workers:
+            study.run(own, out, *workers, options.replicates)
     return 0

@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from bags.command_line import add_out, print_paths, print_text
-from experiments.commands import add_dask, add_jobs
+from experiments.commands import add_workers
 
 HELP = 'tune the weights of a controller'
 EXAMPLE = 'experiments tune mpcc --out /tmp/tuning'
@@ -20,28 +20,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = 'with the plan that has ranges, cost and budget (default: paper/study)'
     parser.add_argument('--plan', type=Path, metavar='DIR', help=text)
     parser.add_argument('--seed', type=int, default=SEED, help=f'of the search (default: {SEED})')
-    add_jobs(parser, 'the result')
-    add_dask(parser)
+    add_workers(parser, 'the result')
     add_out(parser, OUT, '<controller>/; a search in that folder is continued')
 
 
 def run(options: argparse.Namespace) -> int:
     """Tune and show; return 0. Raises BagError."""
     # imported late: controllers and pandas take a second to load
-    from experiments import code_version, tuning
+    from experiments import row_runner, tuning
     from experiments.commands import study
     from experiments.decisive import plan
-    from experiments.pool import Pool
-    from experiments.progress import CountProgress
 
     console = Console()
     own = plan.read(options.plan or study.KEPT['run'])
     folder = options.out / Path(options.controller).stem
-    with (
-        CountProgress(console) as progress,
-        Pool(options.jobs, options.dask, code_version.describe) as pool,
-    ):
-        tuned = tuning.tune(own, options.controller, options.seed, folder, pool, progress)
+    with row_runner.driving(options, console) as workers:
+        tuned = tuning.tune(own, options.controller, options.seed, folder, *workers)
     print_text(console, tuning.as_table(tuned).to_string(index=False))
     print_paths(console, {'controller': tuned.file, 'history': tuned.history})
     return 0

@@ -14,7 +14,7 @@ import yaml
 from bags.errors import BagError
 from bags.storage.message_filing import RecorderParams
 from experiments.configuration import node_config
-from experiments.configuration.node_config import Controller, LoadedFacts, Node
+from experiments.configuration.node_config import NO_OVERRIDES, Controller, LoadedFacts, Node
 from mpcc_controller import car_file
 from mpcc_controller.parameters import CarParams, ControllerParams
 from node_runtime import node_parameters, parameters
@@ -30,6 +30,18 @@ CONTROLLER, ESTIMATOR = 'controller', 'estimator'  # roles
 # where a controller has its state from in a ring with an estimator
 ESTIMATED = 'vehicle/odometry:=estimator/odometry'
 KPH = 3.6  # km/h per m/s
+# of the plant, those of a start in a scenario, in their order
+START = ('x_m', 'y_m', 'yaw_rad', 'speed_mps', 'lateral_mps', 'yaw_rate_radps')
+# the scenario key that sets a parameter, or the parameters below a name; for error messages
+SCENARIO_KEYS = {
+    'controller': {'model.friction': 'friction'},
+    'plant': {
+        'friction': 'friction',
+        'start': 'start',
+        'stop': 'stop',
+        'patches': 'friction_patches',
+    },
+}
 # parameter class of each role, and the loader of the file that the parameters name
 LOADERS = {
     'recorder': (RecorderParams, None),
@@ -57,19 +69,10 @@ def stop_params(scn: Scenario) -> StopParams:
     return StopParams(*scn.stop)  # in the same order and units
 
 
-def load_scenario(
-    name_or_path: str,
-    speed_mps: float | None = None,
-    friction: float | None = None,
-    predictions: str | None = None,
-) -> Scenario:
-    """Return a scenario, where given at another constant desired speed, friction, or predictions.
-
-    Raises BagError.
-    """
+def load_scenario(name_or_path: str, **changes: Any) -> Scenario:
+    """Return a scenario, changed as by `change_scenario`. Raises BagError."""
     try:
-        scn = scenario.load(name_or_path)
-        return change_scenario(scn, name_or_path, speed_mps, friction, predictions)
+        return change_scenario(scenario.load(name_or_path), name_or_path, **changes)
     except scenario.ScenarioError as error:
         raise BagError(str(error)) from None
 
@@ -81,9 +84,9 @@ def change_scenario(
     friction: float | None = None,
     predictions: str | None = None,
 ) -> Scenario:
-    """Return a loaded scenario changed as by `load_scenario`; `source` names it.
+    """Return a scenario, where given at another constant desired speed, friction, or predictions.
 
-    Raises ScenarioError.
+    `source` names it in errors. Raises ScenarioError.
     """
     if speed_mps is None and friction is None and predictions is None:
         return scn
@@ -103,24 +106,70 @@ def build_nodes(
     scn: Scenario,
     source: str,
     controller: Controller,
-    mode: str,
-    bag: Path,
-    run_info: Path,
-    overrides: Mapping[str, Mapping[str, Any]],
-    origins: Mapping[str, Mapping[str, str]] = node_config.NO_OVERRIDES,
-    **options: Any,
+    overrides: Mapping[str, Mapping[str, Any]] = NO_OVERRIDES,
+    origins: Mapping[str, Mapping[str, str]] = NO_OVERRIDES,
+    mode: str = 'lockstep',
+    record: bool = True,
+    plant_program: tuple[str, ...] = (),
 ) -> list[Node]:
-    """Return the nodes of a run as `node_config.build_nodes`; of a car with sensors the estimator.
+    """Return the nodes of a run in starting order; `overrides` are parameters by role.
 
-    It comes before the plant, and the controller has its state from it. Raises BagError, also for a
-    parameter of an estimator that there is not.
+    source         name or path of the scenario, as scenario_node takes it
+    origins        sources of overrides, by role and name, for errors; without one it is `--set`
+    record         whether there is a recorder, which `record_to` tells where; else no node waits
+                   for one
+    plant_program  command that is started in place of plant_node, with its parameters
+
+    A car with sensors has an estimator before the plant, and the controller has its state from it.
+    Raises BagError for parameters of a controller that is a program, and of an estimator that there
+    is not.
     """
-    nodes = node_config.build_nodes(
-        scn, source, controller, mode, bag, run_info, overrides, origins, **options
-    )
+    # of a start that does not slide, the first ones
+    start = zip(START, scn.start if any(scn.start[4:]) else scn.start[:4])
+    stop = parameters.flatten(stop_params(scn))
+    plant = {
+        'friction': scn.friction,
+        'start.from': 'parameters',
+        **{f'start.{name}': value for name, value in start},
+        **{f'stop.{name}': value for name, value in stop.items() if value is not None},
+        **{f'patches.{name}': [*v] for name, v in scn.patches._asdict().items() if v},
+    }
+    by_role: dict[str, dict[str, Any]] = {
+        **({'recorder': {}} if record else {}),
+        'scenario': {'scenario': source},
+        CONTROLLER: {'model.friction': scn.friction},
+        'plant': plant,
+    }
+    nodes = []
+    for role, own in by_role.items():
+        given = overrides.get(role, {})
+        # the run starts when the recorder listens; the recorder does not wait for itself
+        values = {'mode': mode, 'recorders': int(record and role != 'recorder'), **own, **given}
+        is_controller = role == CONTROLLER
+        files = (controller.config,) if is_controller and not controller.program else ()
+        program = {CONTROLLER: controller.program, 'plant': plant_program}.get(role, ())
+        if is_controller and program and given:
+            raise BagError(
+                f'--set controller.{next(iter(given))}: the controller {controller.name} is a '
+                'program, which has its parameters from elsewhere'
+            )
+        keys = SCENARIO_KEYS.get(role, {})
+        by_name = {name: keys.get(name) or keys.get(name.partition('.')[0]) for name in own}
+        sources = {
+            **{name: f'scenario {source}: {key}' for name, key in by_name.items() if key},
+            **{name: f'--set {role}.{name}' for name in given},
+            **origins.get(role, {}),
+        }
+        executable = Path(program[-1]).name if program else f'{role}_node'
+        package, _ = node_config.DEFAULTS[role]
+        nodes.append(Node(role, package, executable, files, values, sources, program))
+    return _with_estimator(nodes, scn, overrides, origins)
+
+
+def _with_estimator(nodes, scn, overrides, origins):
+    """Return nodes that end with controller and plant, of a car with sensors an estimator, too."""
+    *others, controller, plant = nodes
     given = overrides.get(ESTIMATOR, {})
-    places = {node.role: i for i, node in enumerate(nodes)}
-    plant = nodes[places['plant']]
     try:
         sensors = node_config.all_values(plant).get('sensors')
     except (parameters.ParameterError, OSError):
@@ -134,7 +183,7 @@ def build_nodes(
     # imported late: filters take a while to load
     from experiments import estimation
 
-    (params, own), (node, car) = _load(nodes[places[CONTROLLER]]), _load(plant)
+    (params, own), (node, car) = _load(controller), _load(plant)
     known = estimation.known_values(
         plant_parameters.load_sensors(node), params.model.friction, estimation.vehicle(own, car.car)
     )
@@ -142,9 +191,17 @@ def build_nodes(
     values = {**common, **known, 'yaw_rad': scn.start.psi, **given}
     sources = {name: f'--set {ESTIMATOR}.{name}' for name in given} | {**origins.get(ESTIMATOR, {})}
     package, _ = node_config.DEFAULTS[ESTIMATOR]
-    nodes[places[CONTROLLER]] = nodes[places[CONTROLLER]]._replace(remappings=(ESTIMATED,))
     estimator = Node(ESTIMATOR, package, 'estimator_node', (), values, sources)
-    return [*nodes[: places['plant']], estimator, *nodes[places['plant'] :]]
+    return [*others, controller._replace(remappings=(ESTIMATED,)), estimator, plant]
+
+
+def record_to(nodes: Sequence[Node], bag: Path, run_info: Path) -> list[Node]:
+    """Return nodes whose recorder makes the folder `bag` and has the file of run information."""
+    places = {'out': str(bag), 'run_info': str(run_info)}
+    return [
+        node._replace(parameters=node.parameters | places) if node.role == 'recorder' else node
+        for node in nodes
+    ]
 
 
 def build_mpcc_nodes(
@@ -156,8 +213,9 @@ def build_mpcc_nodes(
     """
     run_info = folder / node_config.RUN_INFO_FILE
     run_info.write_text('{}')
-    mpcc, bag = node_config.find_controller('mpcc'), folder / node_config.BAG_FOLDER
-    return build_nodes(load_scenario(road), road, mpcc, mode, bag, run_info, overrides)
+    mpcc = node_config.find_controller('mpcc')
+    nodes = build_nodes(load_scenario(road), road, mpcc, overrides, mode=mode)
+    return record_to(nodes, folder / node_config.BAG_FOLDER, run_info)
 
 
 def controller_params(name_or_path: str) -> ControllerParams:

@@ -22,7 +22,6 @@ from node_runtime import node_parameters, parameters, provenance
 from node_runtime.node_parameters import NO_SOURCES
 from node_runtime.provenance import LABEL_SIGN
 from scenario_publisher.scenario import Scenario
-from vehicle_plant.parameters import StopParams
 
 PYTHON = '.py'  # suffix of a program
 NO_OVERRIDES: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
@@ -35,8 +34,6 @@ DEFAULTS = {
     'scenario': ('scenario_publisher', 'scenario_node.yaml'),
     'estimator': ('state_estimator', 'estimator.yaml'),
 }
-# of the plant, those of a start in a scenario, in their order
-START = ('x_m', 'y_m', 'yaw_rad', 'speed_mps', 'lateral_mps', 'yaw_rate_radps')
 PLANT_DEFAULTS = 'plant_params'  # the parameter of the plant that names another file of defaults
 # a number is what an older run gets that makes way for a new one
 LABEL_FORM = re.compile(r'(?!\d+$)[A-Za-z0-9][A-Za-z0-9_-]{0,39}')
@@ -49,16 +46,6 @@ JUDGED_BY = {
         r'friction|(start|stop|patches|car\.outline)\..+|car\.body\.cog_to_.+'
         r'|car\.suspension\.(front|rear)\.track_m'
     ),
-}
-# the scenario key that sets a parameter, or the parameters below a name; for error messages
-SCENARIO_KEYS = {
-    'controller': {'model.friction': 'friction'},
-    'plant': {
-        'friction': 'friction',
-        'start': 'start',
-        'stop': 'stop',
-        'patches': 'friction_patches',
-    },
 }
 
 
@@ -221,68 +208,6 @@ def known_controllers() -> dict[str, Path]:
 
 def _is_controller(file):
     return file.is_file() and 'car_file' in parameters.read_file(file).values
-
-
-def build_nodes(
-    scn: Scenario,
-    source: str,
-    controller: Controller,
-    mode: str,
-    bag: Path,
-    run_info: Path,
-    overrides: Mapping[str, Mapping[str, Any]],
-    origins: Mapping[str, Mapping[str, str]] = NO_OVERRIDES,
-    record: bool = True,
-    plant_program: tuple[str, ...] = (),
-) -> list[Node]:
-    """Return the nodes of a run in starting order; `overrides` are parameters by role.
-
-    `source` is the name or path of the scenario, as scenario_node takes it. `plant_program` is the
-    command that is started in place of plant_node, with its parameters.
-
-    `origins` are the sources of overrides, by role and name, for errors; without one it is `--set`.
-    Without `record` there is no recorder, and no node waits for one.
-    """
-    # of a start that does not slide, the first ones
-    start = zip(START, scn.start if any(scn.start[4:]) else scn.start[:4])
-    stop = parameters.flatten(StopParams(*scn.stop))  # in the same order and units
-    plant = {
-        'friction': scn.friction,
-        'start.from': 'parameters',
-        **{f'start.{name}': value for name, value in start},
-        **{f'stop.{name}': value for name, value in stop.items() if value is not None},
-        **{f'patches.{name}': [*v] for name, v in scn.patches._asdict().items() if v},
-    }
-    by_role = {
-        'recorder': {'out': str(bag), 'run_info': str(run_info)},
-        'scenario': {'scenario': source},
-        'controller': {'model.friction': scn.friction},
-        'plant': plant,
-    }
-    nodes = []
-    for role in by_role if record else [role for role in by_role if role != 'recorder']:
-        own = by_role[role]
-        given = overrides.get(role, {})
-        # the run starts when the recorder listens; the recorder does not wait for itself
-        values = {'mode': mode, 'recorders': int(record and role != 'recorder'), **own, **given}
-        is_controller = role == 'controller'
-        files = (controller.config,) if is_controller and not controller.program else ()
-        program = {'controller': controller.program, 'plant': plant_program}.get(role, ())
-        if is_controller and program and given:
-            raise BagError(
-                f'--set controller.{next(iter(given))}: the controller {controller.name} is a '
-                'program, which has its parameters from elsewhere'
-            )
-        keys = SCENARIO_KEYS.get(role, {})
-        by_name = {name: keys.get(name) or keys.get(name.partition('.')[0]) for name in own}
-        sources = {
-            **{name: f'scenario {source}: {key}' for name, key in by_name.items() if key},
-            **{name: f'--set {role}.{name}' for name in given},
-            **origins.get(role, {}),
-        }
-        executable = Path(program[-1]).name if program else f'{role}_node'
-        nodes.append(Node(role, DEFAULTS[role][0], executable, files, values, sources, program))
-    return nodes
 
 
 def build_markers_node(nodes: Sequence[Node]) -> Node:

@@ -64,23 +64,22 @@ def search(every: Sequence[Section], words: Sequence[str]) -> tuple[Section, ...
     A parameter that is named in full is returned alone. Raises BagError, with the closest name,
     where there is none.
     """
-    wanted = [word.lower() for word in words]
     names = {full_name(section, row) for section, _, row in _rows(every)}
+    is_full = len(words) == 1 and words[0] in names
+
+    def fits(section, group, row):
+        name = full_name(section, row)
+        text = f'{name} {row.meaning} {group.meaning}'.lower()
+        return name == words[0] if is_full else all(word.lower() in text for word in words)
+
     matches = []
     for section in every:
-        groups = []
-        for group in section.groups:
-            rows = []
-            for row in group.parameters:
-                name = full_name(section, row)
-                text = f'{name} {row.meaning} {group.meaning}'.lower()
-                is_full = len(words) == 1 and words[0] in names
-                if name == words[0] if is_full else all(word in text for word in wanted):
-                    rows.append(row)
-            if rows:
-                groups.append(group._replace(parameters=tuple(rows)))
-        if groups:
-            matches.append(section._replace(groups=tuple(groups)))
+        chosen = (
+            group._replace(parameters=tuple(r for r in group.parameters if fits(section, group, r)))
+            for group in section.groups
+        )
+        if groups := tuple(group for group in chosen if group.parameters):
+            matches.append(section._replace(groups=groups))
     if not matches:
         short = {name.rpartition('.')[2]: name for name in sorted(names)}
         near = [closest(words[0], names), closest(words[0], short)]

@@ -23,16 +23,7 @@ import pandas as pd
 
 from bags.errors import BagError
 from experiments.decisive.arms import COMPARED, FACTORIAL
-from experiments.decisive.verdicts import (
-    Estimate,
-    Rules,
-    Verdict,
-    decide,
-    estimate,
-    read_rules,
-    stop_rule,
-    width,
-)
+from experiments.decisive.verdicts import Estimate, Verdict, decide, estimate, stop_rule, width
 
 # compared arms; the first pair is that of the verdicts
 PAIRS = (
@@ -96,19 +87,19 @@ class Results(NamedTuple):
 
 def analyse(plan: Mapping[str, Any], drives: pd.DataFrame) -> Results:
     """Return all estimates. Raises BagError where the compared arms had different tasks."""
-    rules, (judged, factorial) = read_rules(plan), _judged(drives)
-    gap, balance = _confirmatory(judged, rules)
+    judged, factorial = _judged(drives)
+    gap, balance = _confirmatory(judged, plan)
     present = set(judged['arm'])
     pairs = [pair for pair in PAIRS if present.issuperset(pair)]
     compared = judged[(judged['start'] == 0) & judged['arm'].isin(COMPARED)]
     return Results(
-        verdicts=decide(gap, balance, rules),
+        verdicts=decide(gap, balance, plan['confirmatory']),
         stop=stop(plan, drives),
         shares=list(_shares(judged)),
         gaps=list(_gaps(judged, [*pairs, HEADING_GAIN] if PAIRS[1] in pairs else pairs)),
         limits=list(_limits(compared)),
         losses=list(_losses(compared)),
-        balances=[row for pair in pairs for row in _balances(judged, pair, rules)],
+        balances=[row for pair in pairs for row in _balances(judged, pair, plan)],
         effects=list(_effects(factorial)),
         unsteady=list(_unsteady(judged)),
     )
@@ -119,9 +110,15 @@ def stop(plan: Mapping[str, Any], drives: pd.DataFrame) -> str:
 
     Raises BagError as `analyse`.
     """
-    rules = read_rules(plan)
-    samples = _confirmatory(_judged(drives)[0], rules)
-    return stop_rule(len(samples[0]), [width(estimate(values)) for values in samples], rules)
+    samples = _confirmatory(_judged(drives)[0], plan)
+    widths = [width(estimate(values)) for values in samples]
+    return stop_rule(len(samples[0]), widths, plan['stop'])
+
+
+def better_by(plan: Mapping[str, Any]) -> dict[str, float]:
+    """Return by how much one drive is better than another, by quantity, in its unit; less ties."""
+    sideslip = plan['confirmatory']['sideslip_balance']['better_by_deg']
+    return {'peak_sideslip_deg': sideslip, **plan['balance']}
 
 
 def _judged(drives):
@@ -133,12 +130,13 @@ def _judged(drives):
     return judged[~is_factorial], judged[is_factorial]
 
 
-def _confirmatory(judged, rules):
+def _confirmatory(judged, plan):
     """Return by replicate avoidance gap and balance of sideslip, which have verdicts."""
     first, second = paired(judged, COMPARED)
     if 2 * len(first) != (judged['start'].eq(0) & judged['arm'].isin(COMPARED)).sum():
         raise BagError(f'{" and ".join(COMPARED)} were not judged on the same tasks')
-    samples = _gap(first, second), pairwise(first, second, 'peak_sideslip_deg', rules)
+    what = 'peak_sideslip_deg'
+    samples = _gap(first, second), pairwise(first, second, what, better_by(plan)[what])
     return [_per_replicate(values) for values in samples]
 
 
@@ -150,14 +148,13 @@ def paired(judged: pd.DataFrame, pair: Sequence[str]) -> tuple[pd.DataFrame, pd.
     return sides[0].loc[common], sides[1].loc[common]
 
 
-def pairwise(first: pd.DataFrame, second: pd.DataFrame, what: str, rules: Rules) -> pd.Series:
-    """Return per task 1 where the first arm is better, -1 where it is worse, 0 of a tie.
+def pairwise(first: pd.DataFrame, second: pd.DataFrame, what: str, least: float) -> pd.Series:
+    """Return per task 1 where the first arm is better by `least`, -1 where it is worse, else 0.
 
     Whoever does not avoid is last, so no task is left out; two that do not avoid tie. Two that
     avoid tie where one has no value, as of a car that does not brake hard.
     """
     lead = QUANTITIES[what].sign * (first[what] - second[what])
-    least = rules.better_by[what]
     among_avoided = (lead >= least).astype(int) - (lead <= -least).astype(int)
     both = first['avoided'] & second['avoided']
     return among_avoided.where(both, _gap(first, second).astype(int))
@@ -290,10 +287,10 @@ def _losses(drives: pd.DataFrame) -> Iterator[Row]:
             yield Row(arm, 'avoidance lost', name, estimate(column))
 
 
-def _balances(judged, pair, rules):
+def _balances(judged, pair, plan):
     first, second = paired(judged, pair)
     for what in QUANTITIES:
-        result = pairwise(first, second, what, rules)
+        result = pairwise(first, second, what, better_by(plan)[what])
         note = ''
         silent = first['avoided'] & second['avoided'] & (first[what].isna() | second[what].isna())
         if silent.any():

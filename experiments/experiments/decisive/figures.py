@@ -3,8 +3,9 @@
 Lines over a point are its interval of 95 % over replicates.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -18,7 +19,6 @@ from experiments.decisive.analysis import DIFFERENCE, LIMIT_SHARE, QUANTITIES, R
 from experiments.decisive.arms import COMPARED
 from experiments.decisive.exchange import AHEAD_S, ALL, BOTH, WEIGHTS, Exchange
 from experiments.decisive.picture import Marginal
-from experiments.decisive.verdicts import Rules
 
 WIDTH_INCH = 6.0  # 900 pixels
 LABELS = {
@@ -52,7 +52,7 @@ def write_all(
     results: Results,
     trials: pd.DataFrame,
     marginals: Sequence[Marginal],
-    rules: Rules,
+    plan: Mapping[str, Any],
     span: tuple[float, float],
     folder: Path,
 ) -> list[Path]:
@@ -63,10 +63,10 @@ def write_all(
     """
     with mpl.rc_context(style.RC):
         drawn = {
-            'avoidance_gap': draw_gap(results, rules, span),
+            'avoidance_gap': draw_gap(results, plan, span),
             'limit_ratio': draw_limits(results.limits, span),
             'sensitivity': draw_losses(results.losses),
-            'win_balance': draw_balances(results.balances, rules),
+            'win_balance': draw_balances(results.balances, plan),
             'search_cost': draw_searches(trials),
         }
         effects = [row for row in results.effects if np.isfinite(row.estimate.low)]
@@ -82,7 +82,7 @@ def write_all(
         ]
 
 
-def draw_gap(results: Results, rules: Rules, span: tuple[float, float]) -> Figure:
+def draw_gap(results: Results, plan: Mapping[str, Any], span: tuple[float, float]) -> Figure:
     """Return the avoidance of every arm over S, and the gap of the compared arms below."""
     figure, (above, below) = _sheet('How many tasks does each controller avoid, by demand?', 6.4, 2)
     strata = sorted({row.group for row in results.shares} - {'all'}, key=int)
@@ -100,7 +100,7 @@ def draw_gap(results: Results, rules: Rules, span: tuple[float, float]) -> Figur
             ls=':' if name.endswith('_shipped') else '-',
         )
     above.set(ylabel=AVOIDED, ylim=(-3, 103), title='Avoided, by controller')
-    margin = 100 * rules.gap_margin
+    margin = 100 * plan['confirmatory']['avoidance_gap']['margin']
     below.axhspan(-margin, margin, label=f'margin: ±{margin:g} points', **SHADE)
     _points(below, places, _select(results.gaps, strata, name=DIFFERENCE), 100, ls='-')
     overall = _select(results.gaps, ['all'], name=DIFFERENCE)[0].estimate
@@ -168,11 +168,11 @@ def draw_losses(rows: Sequence[Row]) -> Figure:
     return figure
 
 
-def draw_balances(rows: Sequence[Row], rules: Rules) -> Figure:
+def draw_balances(rows: Sequence[Row], plan: Mapping[str, Any]) -> Figure:
     """Return how often the first arm of each pair is better and worse, by quantity."""
     pairs = list(dict.fromkeys(row.name for row in rows))
     figure, panels = _sheet('Who is better, task by task?', 1.2 + 1.75 * len(pairs), len(pairs))
-    margin = 100 * rules.balance_margin
+    margin = 100 * plan['confirmatory']['sideslip_balance']['margin']
     places = np.arange(len(QUANTITIES), dtype=float)[::-1]
     panels = np.atleast_1d(panels)
     for axes, pair in zip(panels, pairs):
@@ -189,7 +189,7 @@ def draw_balances(rows: Sequence[Row], rules: Rules) -> Figure:
         label = 'balance: share better less share worse'
         _points(axes, places, own, 100, across=True, label=label, **look)
         axes.axvline(0.0, color=style.REFERENCE, lw=1)
-        axes.set_yticks(places, [_quantity_label(row.what, rules) for row in own])
+        axes.set_yticks(places, [_quantity_label(row.what, plan) for row in own])
         axes.set(xlim=(-100, 100))
         axes.xaxis.set_major_formatter(lambda value, _: f'{abs(value):g}')
         axes.set_title(f'{LABELS[second]} better', fontsize=8, color=style.KNOWN['frenet'])
@@ -336,6 +336,7 @@ def _points(axes, places, rows, factor=1, across=False, **look):
         axes.errorbar(places, means, yerr=errors, **usual | look)
 
 
-def _quantity_label(what, rules):
+def _quantity_label(what, plan):
     quantity = QUANTITIES[what]
-    return f'{quantity.label}\n{rules.better_by[what]:g} {quantity.unit} {quantity.better}'
+    least = analysis.better_by(plan)[what]
+    return f'{quantity.label}\n{least:g} {quantity.unit} {quantity.better}'

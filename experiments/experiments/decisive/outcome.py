@@ -100,18 +100,15 @@ class Driver:
         drive raises, as BagError for a file that was changed meanwhile.
         """
         keys = [drive_row.key(row) for row in rows]
-        missing = {key: row for key, row in zip(keys, rows) if key not in self.records}
+        tasks = {key: (row, key, measure) for key, row in zip(keys, rows)}
         errors: dict[str, str] = {}
-        tasks = [(row, key, measure) for key, row in missing.items()]
-        ended = self.pool.finish_each(drive_row.drive_unchanged, tasks, LIMIT_S)
-        for done, finished in enumerate(ended, start=len(rows) - len(missing) + 1):
-            key = list(missing)[finished.number]
-            if finished.error and not isinstance(finished.error, WorkerError):
-                raise finished.error
-            if finished.error:
-                errors[key] = ' '.join(str(finished.error).split())
-            else:
-                self.records.add(key, finished.value)
+        kept = sum(key in self.records for key in keys)
+        ended = self.records.finish(self.pool, drive_row.drive_unchanged, tasks, LIMIT_S)
+        for done, (key, error) in enumerate(ended, start=kept + 1):
+            if error and not isinstance(error, WorkerError):
+                raise error
+            if error:
+                errors[key] = ' '.join(str(error).split())
             self.progress.show('drives', done, len(rows), f'{len(self.lines):,} before')
         results = []
         for row, key in zip(rows, keys):

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from bags.command_line import print_paths, print_text
 from bags.figures import style
-from experiments.decisive import analysis, exchange, figures, picture, run, verdicts
+from experiments.decisive import analysis, exchange, figures, picture, run
 from experiments.families.lane_change_task import DEMAND
 
 TEXT = 'decided.txt'
@@ -78,8 +78,7 @@ def write(plan: Mapping[str, Any], folder: Path, out: Path, console: Console) ->
     print_text(console, text)
     out.mkdir(parents=True, exist_ok=True)
     (out / TEXT).write_text(f'{text}\n', encoding='utf-8')
-    rules = verdicts.read_rules(plan)
-    paths = figures.write_all(results, tables['trials'], marginals, rules, DEMAND, out / 'figures')
+    paths = figures.write_all(results, tables['trials'], marginals, plan, DEMAND, out / 'figures')
     print_paths(console, {'figures': paths[0].parent})
 
 

@@ -1,7 +1,7 @@
 """Drive the study, replicate by replicate, and keep every row.
 
 `folder`/replicate_NN has the records of the drives of a replicate, so that an interrupted call goes
-on, and its tables when it has ended, until `pack` adds them to those of the study in `folder`:
+on, until the replicate has ended and its rows are in the tables of the study:
 
 tuned.parquet    the weights that each search has chosen, and their cost
 trials.parquet   every point of the searches
@@ -52,16 +52,15 @@ def run(
     with rows of another version of the code.
     """
     _check_origin(plan, folder, driving=False)
-    kept, number, is_over = packed(folder, TABLES[-1]), 0, False
+    number, is_over = 0, False
     while not is_over:
         number += 1
-        part = part_of(folder, number)
-        if number not in kept and not (part / f'{TABLES[-1]}.parquet').is_file():
+        if number not in kept_replicates(folder):
             _check_origin(plan, folder)
-            replicate(plan, number, part, pool, progress)
+            replicate(plan, number, folder, pool, progress)
         is_over = number >= (replicates or plan['stop']['cap'])
         if not replicates and number >= plan['stop']['from']:
-            drives = collect(folder, 'drives', number).query('replicate <= @number')
+            drives = read(folder, 'drives').query('replicate <= @number')
             is_over = is_over or analysis.stop(plan, drives).startswith('stop')
     if not (folder / f'{PICTURE}.parquet').is_file():
         _check_origin(plan, folder)
@@ -69,16 +68,15 @@ def run(
             driver = Driver(records, pool, progress)
             picture.drive(plan, driver)
         write(pd.DataFrame(driver.lines), folder, PICTURE)
-    pack(folder, number)
 
 
 def replicate(plan: Plan, number: int, folder: Path, pool: Pool, progress: CountProgress) -> None:
-    """Search, judge and keep the tables of a replicate, or finish what is missing of it.
+    """Search, judge and add the rows of a replicate to the tables, or finish what is missing of it.
 
     Raises BagError while another program drives it.
     """
-    begin_s = time.monotonic()
-    with DriveRecords(folder) as records:
+    begin_s, part = time.monotonic(), folder / f'replicate_{number:02}'
+    with DriveRecords(part) as records:
         driver = Driver(records, pool, progress)
         seed = plan['seeds']['training'] + number
         trials = {arm: search_arm(plan, arm, seed, driver) for arm in plan['tuned']}
@@ -91,7 +89,8 @@ def replicate(plan: Plan, number: int, folder: Path, pool: Pool, progress: Count
     )
     for name, frame in zip(TABLES, frames):
         frame.insert(0, 'replicate', number)
-        write(frame, folder, name)
+        add(frame, folder, name)
+    shutil.rmtree(part)
     count = len(driver.lines)
     progress.print_line(
         f'replicate {number}: {count:,} drives in {time.monotonic() - begin_s:.0f} s, cost '
@@ -175,11 +174,6 @@ def _check_origin(plan, folder, driving=True):
             (folder / FILE).write_text(yaml.safe_dump(plan, sort_keys=False))
 
 
-def part_of(folder: Path, number: int) -> Path:
-    """Return the folder of a replicate."""
-    return folder / f'replicate_{number:02}'
-
-
 def read(folder: Path, name: str) -> pd.DataFrame:
     """Return a table of a study. Raises BagError for a folder without it."""
     path = folder / f'{name}.parquet'
@@ -192,32 +186,19 @@ def read(folder: Path, name: str) -> pd.DataFrame:
         ) from None
 
 
-def packed(folder: Path, name: str) -> set[int]:
-    """Return the replicates in a table of a study, none where there is no table."""
-    path = folder / f'{name}.parquet'
-    return (
-        set(pd.read_parquet(path, columns=['replicate'])['replicate']) if path.is_file() else set()
-    )
+def kept_replicates(folder: Path) -> set[int]:
+    """Return the replicates that have ended: they are in the last of the tables."""
+    path = folder / f'{TABLES[-1]}.parquet'
+    return {*pd.read_parquet(path, columns=['replicate'])['replicate']} if path.is_file() else set()
 
 
-def collect(folder: Path, name: str, count: int) -> pd.DataFrame:
-    """Return the rows of a table, and those of replicates 1 to `count` that are not in it yet."""
-    kept = packed(folder, name)
-    folders = [folder] if kept else []
-    folders += [part_of(folder, number) for number in range(1, count + 1) if number not in kept]
-    return pd.concat([read(own, name) for own in folders], ignore_index=True)
-
-
-def pack(folder: Path, count: int) -> None:
-    """Put the rows of replicates 1 to `count` into the tables, and remove their folders.
-
-    An interrupted call is made good by the next one.
-    """
-    parts = [own for number in range(1, count + 1) if (own := part_of(folder, number)).is_dir()]
-    for name in TABLES if parts else ():
-        write(collect(folder, name, count), folder, name)
-    for own in parts:
-        shutil.rmtree(own)
+def add(frame: pd.DataFrame, folder: Path, name: str) -> None:
+    """Add the rows of a replicate to a table, in place of those that an interrupted call left."""
+    if (folder / f'{name}.parquet').is_file():
+        kept = read(folder, name)
+        others = kept[~kept['replicate'].isin(frame['replicate'])]
+        frame = pd.concat([others, frame], ignore_index=True)
+    write(frame, folder, name)
 
 
 def write(frame: pd.DataFrame, folder: Path, name: str) -> None:

@@ -9,17 +9,6 @@ import numpy as np
 CONFIDENCE = 0.95
 
 
-class Rules(NamedTuple):
-    """What was fixed before the study was run."""
-
-    gap_margin: float
-    balance_margin: float
-    better_by: Mapping[str, float]  # by quantity, in its unit: a smaller difference is a tie
-    least_replicates: int
-    widths: tuple[float, float]  # of the intervals of gap and balance, at which the study may stop
-    most_replicates: int
-
-
 class Estimate(NamedTuple):
     """A mean over units with its interval; NaN where there is none."""
 
@@ -42,17 +31,6 @@ class Verdict(NamedTuple):
     more: int  # replicates that would make the interval as wide as the margin, 0 unless open
 
 
-def read_rules(plan: Mapping[str, Any]) -> Rules:
-    """Return the rules in a plan with the keys `confirmatory`, `balance` and `stop`."""
-    gap, sideslip = (plan['confirmatory'][k] for k in ('avoidance_gap', 'sideslip_balance'))
-    better_by = {'peak_sideslip_deg': sideslip['better_by_deg'], **plan['balance']}
-    stop = plan['stop']
-    return Rules(
-        *(gap['margin'], sideslip['margin'], better_by),
-        *(stop['from'], tuple(stop['widths']), stop['cap']),
-    )
-
-
 def estimate(values: Sequence[float], confidence: float = CONFIDENCE) -> Estimate:
     """Return the mean of units with Student's t interval; units without a value do not count."""
     from scipy.stats import t
@@ -72,19 +50,23 @@ def estimate(values: Sequence[float], confidence: float = CONFIDENCE) -> Estimat
     return Estimate(mean, mean - half, mean + half, count, scatter, p)
 
 
-def decide(gap: Sequence[float], balance: Sequence[float], rules: Rules) -> list[Verdict]:
+def decide(
+    gap: Sequence[float], balance: Sequence[float], rules: Mapping[str, Any]
+) -> list[Verdict]:
     """Return the verdicts on avoidance gap and balance of sideslip, each given by replicate.
+
+    `rules` are those under `confirmatory` in a plan.
 
     Holm's procedure (1979, Scandinavian Journal of Statistics 6, 65-70) over both, in terms of
     intervals: that with the smaller p has 97.5 %; if it excludes 0, the other has 95 %, else 97.5 %
     too. So an interval excludes 0 just where the procedure rejects 0 at a level of 5 %. What a
     verdict says about a size has the level of its own interval.
     """
-    samples = (('avoidance gap', gap, rules.gap_margin),)
-    samples += (('win balance of sideslip', balance, rules.balance_margin),)
-    p = [estimate(values).p for _, values, _ in samples]
+    samples = {'avoidance gap': gap, 'win balance of sideslip': balance}
+    margins = [rules[name]['margin'] for name in ('avoidance_gap', 'sideslip_balance')]
+    levels = holm_levels([estimate(values).p for values in samples.values()])
     verdicts = []
-    for (name, values, margin), level in zip(samples, holm_levels(p)):
+    for (name, values), margin, level in zip(samples.items(), margins, levels):
         interval = estimate(values, 1 - level)
         verdicts.append(Verdict(name, interval, 1 - level, margin, *verdict(interval, margin)))
     return verdicts
@@ -120,13 +102,16 @@ def verdict(interval: Estimate, margin: float) -> tuple[str, int]:
     return 'open', math.ceil(interval.units * ((width(interval) / margin) ** 2 - 1))
 
 
-def stop_rule(replicates: int, widths: Sequence[float], rules: Rules) -> str:
-    """Return whether the study stops, from the widths of both intervals of 95 % alone."""
-    if replicates >= rules.most_replicates:
+def stop_rule(replicates: int, widths: Sequence[float], rules: Mapping[str, Any]) -> str:
+    """Return whether the study stops, from the widths of both intervals of 95 % alone.
+
+    `rules` are those under `stop` in a plan.
+    """
+    if replicates >= rules['cap']:
         return 'stop: most replicates'
-    if replicates < rules.least_replicates:
+    if replicates < rules['from']:
         return 'go on: fewer than the least replicates'
-    wide = any(not width <= most for width, most in zip(widths, rules.widths))
+    wide = any(not width <= most for width, most in zip(widths, rules['widths']))
     return 'go on: an interval is too wide' if wide else 'stop: both intervals are narrow'
 
 

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 
 from bags.errors import BagError
 from experiments.configuration.node_config import ROLES
-from msgs_yaml.strict_yaml import Item, YamlError, closest, read
+from msgs_yaml.strict_yaml import YamlError, closest, read
+from node_runtime import parameters
 
 MODES, SWITCH = ('lockstep', 'realtime'), ('true', 'false')
 LEVELS = ('debug', 'info', 'warn', 'error', 'fatal')
@@ -70,13 +71,13 @@ def read_files(
     of the run `/car1/plant`), or for every node (`/**`). Raises BagError for a file that cannot be
     read, and `<file>:<line>: <key>: <what>` for a section of another node.
     """
-    parameters = ({}, {})
+    collected = ({}, {})
     for path in paths:
         try:
-            _read_file(Path(path).expanduser(), namespace, parameters)
+            _read_file(Path(path).expanduser(), namespace, collected)
         except (OSError, YamlError) as error:
             raise BagError(str(error)) from None
-    return parameters
+    return collected
 
 
 def _read_file(path, namespace, collected):
@@ -88,18 +89,8 @@ def _read_file(path, namespace, collected):
         if roles[0] not in ROLES:
             known, hint = ', '.join(ROLES), closest(name, ROLES)
             raise item.error(f'no node of this run; allowed {known}, {EVERY_NODE}{hint}')
-        parameters = item.members((PARAMETERS,))[PARAMETERS]
-        leaves = dict(_leaves(parameters, ''))
+        leaves = parameters.leaf_items(item.members((PARAMETERS,))[PARAMETERS])
         for role in roles:
             values, sources = (by_role.setdefault(role, {}) for by_role in collected)
             values.update({name: leaf.value_or_empty() for name, leaf in leaves.items()})
             sources.update({name: f'{path}:{leaf.line}' for name, leaf in leaves.items()})
-
-
-def _leaves(item: Item, prefix):
-    for name, member in item.items().items():
-        key = f'{prefix}{name}'
-        if member.node.id == 'mapping':
-            yield from _leaves(member, f'{key}.')
-        else:
-            yield key, member

@@ -8,16 +8,16 @@ import os
 import re
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from bags.storage.message_filing import CLOCK
 from experiments.configuration import inputs, node_config
-from experiments.configuration.node_config import Controller, LoadedFacts
+from experiments.configuration.node_config import Controller, LoadedFacts, Node
 from experiments.progress import RunProgress
 from experiments.run import processes
 from experiments.run.interrupt import Interrupt, Interrupted
@@ -43,15 +43,12 @@ class RunSettings(NamedTuple):
     """The settings shared by the runs of a batch."""
 
     scn: Scenario
-    source: str  # name or path of the scenario, as scenario_node takes it
     mode: str  # lockstep or realtime
     folder: Path  # that receives <controller>/
-    overrides: Mapping[str, Mapping[str, Any]]  # parameters by role
     time_limit_s: float  # of wall time per run
     domain: int = 0  # ROS_DOMAIN_ID
     markers: bool = False  # whether to start the node that draws for 3D viewers
     overwrite: bool = False  # whether an older bag is replaced rather than kept under a number
-    plant: tuple[str, ...] = ()  # the command of a plant of the user
 
     @property
     def path(self) -> np.ndarray:
@@ -73,11 +70,12 @@ class RunOutcome(NamedTuple):
 def run_once(
     settings: RunSettings,
     controller: Controller,
+    nodes: Sequence[Node],
     loaded: LoadedFacts,
     interrupt: Interrupt,
     progress: RunProgress,
 ) -> RunOutcome:
-    """Run one controller through a scenario; `loaded` (`inputs.loaded_facts`) is recorded.
+    """Run the nodes of one controller; `loaded` (`inputs.loaded_facts`) is recorded.
 
     In any case no process is left behind, the recording is kept, and an older bag makes way for a
     complete one only: it gets a number, unless `settings` overwrite it or the new one repeats it.
@@ -95,16 +93,7 @@ def run_once(
         return RunOutcome(name, False, f'no folder for the run: {error}', None)
     try:
         run_info = staging.logs / node_config.RUN_INFO_FILE
-        nodes = inputs.build_nodes(
-            settings.scn,
-            settings.source,
-            controller,
-            settings.mode,
-            staging.bag,
-            run_info,
-            settings.overrides,
-            plant_program=settings.plant,
-        )
+        nodes = inputs.record_to(nodes, staging.bag, run_info)
         node_config.write_run_info(settings.scn, controller, settings.mode, nodes, run_info, loaded)
         same = _is_repetition(run_info, staging.final / staging.logs.name / run_info.name)
         staging.keeps_older = not (settings.overwrite or same)

@@ -159,45 +159,43 @@ def run_controllers(
     folder = request.out / scn.name
     settings = RunSettings(
         scn,
-        given.scenario,
         request.mode,
         folder.absolute(),
-        given.settings,
         request.time_limit_s,
         markers=request.markers,
         overwrite=request.overwrite,
-        plant=node_config.find_plant(request.plant) if request.plant else (),
     )
+    plant = node_config.find_plant(request.plant) if request.plant else ()
     # the checks compile something. On the wall clock the nodes need all cores
     compiles_ahead = compiles and request.mode == 'lockstep' and compile_ahead.is_worth_while()
     checked = {}
     for controller in controllers:
-        places = folder, folder, given.settings, given.origins
-        nodes = inputs.build_nodes(scn, given.scenario, controller, request.mode, *places)
+        own = given.scenario, controller, given.settings, given.origins, request.mode
+        nodes = inputs.build_nodes(scn, *own, plant_program=plant)
         own_parameters = inputs.check_parameters(nodes)
-        if not (request.any_car or controller.program or settings.plant):
+        if not (request.any_car or controller.program or plant):
             inputs.check_car_fits(nodes, own_parameters)
         if not controller.program:
             inputs.check_problem(own_parameters, controller.name)
         checked[controller] = nodes, own_parameters
     own = [checked[c][1][inputs.CONTROLLER] for c in controllers if not c.program]
     with compile_ahead.compiling(own if compiles_ahead else ()):
-        loaded = {}
+        runs = []
         for controller, (nodes, own_parameters) in checked.items():
-            shipped = not settings.plant
-            loaded[controller] = inputs.loaded_facts(own_parameters, is_shipped_plant=shipped)
+            facts = inputs.loaded_facts(own_parameters, is_shipped_plant=not plant)
+            runs.append((controller, nodes, facts))
             warnings = run_advice.find_warnings(scn, given.scenario, own_parameters)
-            if request.any_car and not (controller.program or settings.plant):
+            if request.any_car and not (controller.program or plant):
                 warnings = [*inputs.describe_misfit(nodes, own_parameters), *warnings]
             for text in warnings:
                 console.print(WARNING.format(controller.run_name), end='')
                 print_text(console, text)
         with staging.created_folder(folder, f'--out {request.out}'):
-            return folder, _run_each(settings, loaded, console)
+            return folder, _run_each(settings, runs, console)
 
 
-def _run_each(settings, loaded, console):
-    """Run each controller of `loaded`, which has what its run records."""
+def _run_each(settings, runs, console):
+    """Run each controller with its nodes and what is recorded of them."""
     for line in staging.recover(settings.folder):
         print_text(console, line)
     others = domain.describe_others(os.environ)
@@ -214,9 +212,9 @@ def _run_each(settings, loaded, console):
             domain.reserved(os.environ) as domain_id,
         ):
             settings = settings._replace(domain=domain_id)
-            for controller, facts in loaded.items():
-                progress.begin(controller.run_name, length_m)
-                outcome = node_graph.run_once(settings, controller, facts, interrupt, progress)
+            for run in runs:
+                progress.begin(run[0].run_name, length_m)
+                outcome = node_graph.run_once(settings, *run, interrupt, progress)
                 progress.end(outcome.controller, outcome.completed, outcome.message)
                 outcomes.append(outcome)
     except Interrupted as interrupted:

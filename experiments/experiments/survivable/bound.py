@@ -10,7 +10,7 @@ empty the emergency is impossible. All roundings make the set larger.
 """
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_edt, find_objects
 
 from bags.evaluation.metrics.survival import SHOULDER_M
 from experiments.survivable.emergency import Emergency
@@ -109,27 +109,17 @@ class _Grid:
 
     def moved(self, box, cells, shift, spread):
         """Return a box and its cells that positions of `cells` reach by a shift and a spread."""
-        rest_m = spread + 2 * self._slack
         whole = np.round(shift / self._cell).astype(int)
-        rest_m += float(np.hypot(*(shift - whole * self._cell)))
+        rest_m = spread + 2 * self._slack + float(np.hypot(*(shift - whole * self._cell)))
         margin = int(np.ceil(rest_m / self._cell)) + 1
-        new_box, filled = [], []
-        for axis, (side, step) in enumerate(zip(box, whole)):
-            rows = np.flatnonzero(cells.any(axis=1 - axis))
-            filled.append(slice(rows[0], rows[-1] + 1))
-            begin = side.start + rows[0] + step - margin
-            end = side.start + rows[-1] + 1 + step + margin
-            new_box.append((begin, end))
-        away = np.ones([end - begin for begin, end in new_box], dtype=bool)
-        away[margin:-margin, margin:-margin] = ~cells[tuple(filled)]
+        (filled,) = find_objects(cells.astype(int))
+        begin = [side.start + rows.start for side, rows in zip(box, filled)] + whole - margin
+        away = np.pad(~cells[filled], margin, constant_values=True)
         reached = distance_transform_edt(away, self._cell) <= rest_m
         # what lies beyond the grid is out of reach, or off the road
-        inside = [
-            (begin, max(0, begin), min(end, size))
-            for (begin, end), size in zip(new_box, self.X.shape)
-        ]
-        kept = tuple(slice(first - begin, last - begin) for begin, first, last in inside)
-        return tuple(slice(first, last) for _, first, last in inside), reached[kept]
+        first, last = np.maximum(0, begin), np.minimum(self.X.shape, begin + away.shape)
+        kept = tuple(map(slice, first - begin, last - begin))
+        return tuple(map(slice, first, last)), reached[kept]
 
     def blocked(self, box, obstacles):
         """Return the cells of a box that lie off the road or in an obstacle altogether."""

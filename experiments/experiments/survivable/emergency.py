@@ -17,7 +17,6 @@ from experiments import simulation
 from experiments.configuration import inputs
 from experiments.simulation import Setup
 from experiments.survivable.road_coordinates import RoadCoordinates
-from mpcc_controller.driving.records import TickInputs
 from msgs_yaml import conversions
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import Command, Obstacle, Obstacles
@@ -59,8 +58,10 @@ class Emergency:
         self._stop = inputs.stop_params(scn)
         self.car = simulation.make_car(setup)
         self._end = RunEnd(self._stop, self.car.now)
-        self._tracks, self._commands = [self.car.now], []
-        if not preview:
+        self._tracks, self._commands = [], []
+        if preview or not scn.actors:
+            self._tracks.append(self.car.now)
+        else:
             self._drive_on()
         self.start_ns = self.car.stamp_ns
 
@@ -116,37 +117,18 @@ class Emergency:
     def _since_start(self, stamp_ns):
         return (stamp_ns - self.setup.scn.reference.stamp_ns) / NS_PER_S
 
-    def _seen(self):
-        """Return the obstacles that are seen from the car."""
-        stamp_ns, car = self.car.stamp_ns, self.car.state
-        t = self._since_start(stamp_ns)
-        return scenario.obstacles_at(self.setup.scn, t, stamp_ns, (car.X, car.Y))
-
-    def _is_due(self):
-        """Return whether there is all that a driver can react to."""
+    def _drive_on(self):
+        """Let the controller drive until a driver can react, or the next tick ends the run."""
         faults = self.setup.faults
         begins_s = (faults and faults.from_s) or 0.0
-        return self._since_start(self.car.stamp_ns) >= begins_s and bool(self._seen().items)
-
-    def _drive_on(self):
-        """Let the controller drive until a driver can react."""
-        setup = self.setup
-        if not setup.scn.actors or self._is_due():
-            return
-        controller = simulation.make_controller(setup, self.car)
-        while not self._is_due():
-            obstacles = self._seen()
-            controller.set_obstacles(obstacles)
-            if setup.scn.predicts:
-                t = self._since_start(self.car.stamp_ns)
-                controller.set_predictions(scenario.predictions_at(setup.scn, t, obstacles))
-            state = conversions.odometry_as_received(self.car.state)
-            inputs = TickInputs(state, actuators=self.car.actuators)
-            before = self.car.fork(), copy.copy(self._end)
-            self._commands.append(controller.step(inputs).command)
-            self._tracks.append(self.car.advance(self._commands[-1], TICK_STEPS))
-            if self._end.check(self._tracks[-1]):  # over before
+        for step in simulation.steps(self.setup):
+            before = self.car, copy.copy(self._end)
+            self.car = step.car.fork()
+            if self._commands and self._end.check(step.track):
                 self.car, self._end = before
-                self._tracks.pop(), self._commands.pop()
+                self._commands.pop()
                 return
-            controller.prepare()
+            self._tracks.append(step.track)
+            if step.obstacles.items and self._since_start(self.car.stamp_ns) >= begins_s:
+                return
+            self._commands.append(step.record.command)

@@ -19,7 +19,7 @@ from bags.command_line import print_text
 from bags.errors import BagError
 from experiments import console as tables
 from experiments import drive_row, row_runner
-from experiments.drive_records import DriveRecords, record_each
+from experiments.drive_records import DriveRecords
 from experiments.drive_row import Offset, Row
 from experiments.families.draw import NOMINAL
 from experiments.library import ALL, family_of, share_cell
@@ -120,12 +120,10 @@ def _search(draws, options, folder, failures, console) -> Mapping[Row, str]:
         Pool(options.jobs) as pool,
     ):
         keys = {draw: verdict_key(draw, *how) for draw in draws}
-        missing = {key: draw for draw, key in keys.items() if key not in records}
-        tasks = [(draw, *how) for draw in missing.values()]
-        ended = pool.finish_each(verdict, tasks)
-        record_each(ended, list(missing), len(draws), records, errors, progress)
+        tasks = {key: (draw, *how) for draw, key in keys.items()}
+        records.finish_all(pool, progress, verdict, tasks, errors)
         for key, error in errors.items():
-            failures.append(f'{missing[key].scenario}: no verdict: {error}')
+            failures.append(f'{tasks[key][0].scenario}: no verdict: {error}')
         return {
             draw: json.loads(records[key])['answer'] for draw, key in keys.items() if key in records
         }

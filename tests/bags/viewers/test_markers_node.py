@@ -9,7 +9,7 @@ import pytest
 import rclpy
 from wait_until import wait_until
 
-from experiments.configuration import node_config
+from experiments.configuration import inputs, node_config
 from msgs_yaml import conformance, encode, share
 from msgs_yaml.types import Obstacle, Obstacles, Prediction, VehicleState, Why
 from node_runtime import parameters, ros
@@ -80,7 +80,7 @@ def test_experiments_run_tells_it_what_car_drives_and_what_is_safe():
     mpcc = node_config.find_controller('mpcc')
 
     def told(mode, **overrides):
-        ring = node_config.build_nodes(scn, 'straight', mpcc, mode, '/b', '/n', overrides)
+        ring = inputs.build_nodes(scn, 'straight', mpcc, overrides, mode=mode)
         return node_config.build_markers_node(ring).parameters
 
     text = told('realtime', controller={'safety.obstacle_m': 0.7})

@@ -13,8 +13,7 @@ def build(tmp_path):
         scn = more.get('scn') or inputs.load_scenario(str(scenario))
         chosen = node_config.find_controller(str(controller), programs=True)
         given = more.get('given') or (set_option.parse_overrides(settings),)
-        places = tmp_path / 'bag', tmp_path / 'notes'
-        nodes = inputs.build_nodes(scn, str(scenario), chosen, 'lockstep', *places, *given)
+        nodes = inputs.build_nodes(scn, str(scenario), chosen, *given)
         return {node.role: node for node in nodes}
 
     return build_nodes

@@ -4,7 +4,6 @@ import numpy as np
 import pandas as pd
 
 from experiments.decisive.picture import Marginal
-from experiments.decisive.verdicts import read_rules
 
 SPAN = (0.2, 0.9)
 PLAN = {
@@ -15,7 +14,6 @@ PLAN = {
     'balance': {'kept_m': 0.05, 'min_speed_mps': 0.3, 'brake_onset_m': 2.0},
     'stop': {'from': 12, 'widths': [0.05, 0.10], 'cap': 20},
 }
-RULES = read_rules(PLAN)
 # half avoided, without latency; each 25 ms divide it by 1.1
 S50 = {'mpcc': 0.8, 'frenet': 0.667}
 S90_OVER_S50 = 9.0**-0.25

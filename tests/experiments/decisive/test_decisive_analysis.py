@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 import synthetic
 from scipy.stats import ttest_1samp
-from synthetic import PLAN, RULES
+from synthetic import PLAN
 
 from bags.errors import BagError
 from experiments.decisive import analysis, figures, report
@@ -20,6 +20,8 @@ from experiments.decisive.verdicts import (
     verdict,
     width,
 )
+
+RULES = PLAN['confirmatory']
 
 
 def only(rows, **fields):
@@ -106,7 +108,7 @@ def test_the_smaller_p_has_the_wider_level_and_lets_the_other_have_95_percent():
     ],
 )
 def test_the_study_stops_by_widths_and_number_alone(replicates, widths, stops):
-    assert stop_rule(replicates, widths, RULES).startswith('stop') == stops
+    assert stop_rule(replicates, widths, PLAN['stop']).startswith('stop') == stops
 
 
 def test_who_stops_does_not_depend_on_the_direction_of_the_difference():
@@ -131,7 +133,7 @@ def test_the_win_balance_by_hand():
         [True, True, True, False, True, False, True], [1.0, 2.0, 2.0, 0.1, 9.0, 1.0, nan]
     )
     second = drives([True, True, True, True, False, False, True], [1.5, 2.4, 1.0, 9.0, 0.1, 9.0, 1])
-    result = analysis.pairwise(first, second, 'peak_sideslip_deg', RULES)
+    result = analysis.pairwise(first, second, 'peak_sideslip_deg', 0.5)
     assert result.tolist() == [1, 0, -1, -1, 1, 0, 0]
 
 
@@ -238,7 +240,7 @@ def test_every_figure_is_drawn_at_its_width_and_the_text_names_every_estimand(tm
     text = analysis.to_text(results)
     assert all(f'\n{name}\n' in text for name in results._fields[2:])
     paths = figures.write_all(
-        results, synthetic.trials(), synthetic.marginals(), RULES, synthetic.SPAN, tmp_path
+        results, synthetic.trials(), synthetic.marginals(), PLAN, synthetic.SPAN, tmp_path
     )
     assert len(paths) == 14
     assert {Image.open(path).width for path in paths if path.suffix == '.png'} == {900}

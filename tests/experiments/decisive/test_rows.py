@@ -1,7 +1,6 @@
 """Replicates become tables of the study; one that has ended is read, whatever code drove it."""
 
 import json
-import shutil
 
 import numpy as np
 import pandas as pd
@@ -17,7 +16,7 @@ from node_runtime import provenance
 
 @pytest.fixture
 def driven(tmp_path):
-    """Return the tables of four replicates, whose folders are in `tmp_path`, and a picture."""
+    """Return the tables of three replicates in `tmp_path`, of another day, with a picture."""
     plan = yaml.safe_load((ROOT / PLAN).read_text())
     plan['stop'] = {'from': 3, 'widths': [1.0, 1.0], 'cap': 20}
     text = yaml.safe_dump(plan)
@@ -26,41 +25,34 @@ def driven(tmp_path):
     (tmp_path / 'origin.json').write_text(json.dumps(origin))
     tuned = [
         {'replicate': number, 'arm': arm} | dict.fromkeys(plan['search']['ranges'], 2.0 * number)
-        for number in (1, 2, 3, 4)
+        for number in (1, 2, 3)
         for arm in plan['tuned']
     ]
     tables = {
         'tuned': pd.DataFrame(tuned),
-        'trials': synthetic.trials(replicates=4),
-        'drives': synthetic.study(synthetic.judged(4, 30), synthetic.factorial({}, 4, 2)),
+        'trials': synthetic.trials(replicates=3),
+        'drives': synthetic.study(synthetic.judged(3, 30), synthetic.factorial({}, 3, 2)),
     }
     tables = {
         name: table.sort_values('replicate', kind='stable', ignore_index=True)
         for name, table in tables.items()
     }
     for name, table in tables.items():
-        for number, own in table.groupby('replicate'):
-            folder = study.part_of(tmp_path, number)
-            folder.mkdir(exist_ok=True)
-            study.write(own, folder, name)
+        study.write(table, tmp_path, name)
     picture = tables['drives'].query('replicate == 1 and start == 0 and not S.isna()')
     study.write(picture.assign(avoided=False), tmp_path, 'picture')
     return tables
 
 
-def test_tables_hold_every_row_once_however_often_packing_is_interrupted(driven, tmp_path):
-    shutil.copytree(study.part_of(tmp_path, 1), tmp_path / 'again')
-    study.pack(tmp_path, 1)
-    # killed before the folder was gone, and between two tables of the next call
-    (tmp_path / 'again').rename(study.part_of(tmp_path, 1))
-    study.write(driven['tuned'], tmp_path, 'tuned')
-    study.pack(tmp_path, 4)
-    assert not [*tmp_path.glob('replicate_*')]
+def test_tables_hold_every_row_once_however_often_a_replicate_is_added(driven, tmp_path):
     for name, table in driven.items():
+        # killed between two tables, and driven again
+        last = table.query('replicate == 3').reset_index(drop=True)
+        study.add(last, tmp_path, name)
         pd.testing.assert_frame_equal(study.read(tmp_path, name), table)
-    before = (tmp_path / 'drives.parquet').stat().st_mtime_ns
-    study.pack(tmp_path, 4)
-    assert (tmp_path / 'drives.parquet').stat().st_mtime_ns == before
+        study.add(last.assign(replicate=4), tmp_path, name)
+    assert study.kept_replicates(tmp_path) == {1, 2, 3, 4}
+    assert len(study.read(tmp_path, 'tuned')) == 4 / 3 * len(driven['tuned'])
 
 
 def test_numbers_that_hardly_repeat_take_less_than_in_a_file_of_pandas(tmp_path):
@@ -73,19 +65,16 @@ def test_numbers_that_hardly_repeat_take_less_than_in_a_file_of_pandas(tmp_path)
     pd.testing.assert_frame_equal(study.read(tmp_path, 'drives'), frame)
 
 
-def test_a_study_that_its_rule_ends_is_packed_and_decided_by_any_code(driven, tmp_path, capsys):
-    """The fourth replicate was driven ahead: it is kept, and decides nothing."""
+def test_a_study_that_its_rule_ends_is_decided_by_any_code(driven, tmp_path, capsys):
     run = ['study', 'run', str(tmp_path), '--jobs', '1']
     decide = ['study', 'decide', str(tmp_path)]
-    assert cli.main(decide) == 1
-    assert 'writes it when the study has ended' in capsys.readouterr().err
     assert cli.main(run) == 0
-    assert study.packed(tmp_path, 'drives') == {1, 2, 3}
-    assert [path.name for path in tmp_path.glob('replicate_*')] == ['replicate_04']
+    assert study.kept_replicates(tmp_path) == {1, 2, 3}
     assert cli.main(decide) == 0
     assert 'over 3 replicates' in capsys.readouterr().out
     # the next ones would be driven by this code
-    assert cli.main([*run, '--replicates', '4']) == 0
-    assert study.packed(tmp_path, 'drives') == {1, 2, 3, 4}
-    assert cli.main([*run, '--replicates', '5']) == 1
+    assert cli.main([*run, '--replicates', '4']) == 1
     assert 'origin.json: sources, ' in capsys.readouterr().err
+    (tmp_path / 'picture.parquet').unlink()
+    assert cli.main(decide) == 1
+    assert 'writes it when the study has ended' in capsys.readouterr().err

@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 from shell_nodes import AWAIT_RECORDER, NODES, WAIT, left_over
 
-from experiments.configuration import node_config
+from experiments.configuration import inputs, node_config
 from experiments.configuration.node_config import LoadedFacts
 from experiments.progress import RunProgress
 from experiments.run import node_graph
@@ -45,13 +45,15 @@ def drive(tmp_path, prefix, runs):
 
     def drive(time_limit_s=60.0, label='', overwrite=False, plant=()):
         settings = node_graph.RunSettings(
-            SCN, 'straight', 'lockstep', runs, {}, time_limit_s, 50, False, overwrite, plant
+            SCN, 'lockstep', runs, time_limit_s, 50, overwrite=overwrite
         )
         (chosen,) = node_config.find_controllers(['mpcc'], [label] if label else [])
+        nodes = inputs.build_nodes(SCN, 'straight', chosen, plant_program=plant)
+        run = chosen, nodes, LoadedFacts({})
         try:
             with Interrupt() as interrupt, RunProgress(Console(quiet=True)) as progress:
                 progress.begin('mpcc', 60.0)
-                return node_graph.run_once(settings, chosen, LoadedFacts({}), interrupt, progress)
+                return node_graph.run_once(settings, *run, interrupt, progress)
         finally:
             assert left_over(tmp_path) == {}
 
