@@ -16,6 +16,7 @@ BASE = CONFIG / 'mpcc.yaml'
 PLAN = Path(__file__).parents[2] / 'paper/study/study.yaml'
 
 
+@pytest.mark.usefixtures('tasks_here')
 def test_a_controller_is_tuned_its_other_parameters_stay_and_nothing_is_driven_again(
     tmp_path, capsys
 ):

@@ -27,6 +27,7 @@ def plan():
     return values
 
 
+@pytest.mark.usefixtures('tasks_here')
 def test_a_study_is_driven_goes_on_and_is_decided(plan, tmp_path, capsys):
     plans, out = tmp_path / 'plans', tmp_path / 'out'
     plans.mkdir()
