@@ -274,17 +274,6 @@ def test_every_topic_stays_in_the_namespace_of_its_node(pair, cars):
         ros.publisher(pair.sender, '/vehicle/odometer')
 
 
-def test_listeners_in_another_namespace_do_not_count(pair, cars):
-    sender, receiver, other = cars
-    ros.publisher(sender, OBSTACLES)
-    for stranger in (other, pair.receiver):
-        ros.subscribe(stranger, OBSTACLES, lambda msg: None)
-    lacking = ['1 subscriptions to /car1/scenario/obstacles (has 0)']
-    assert ros.missing_subscriptions(sender, RING) == lacking
-    ros.subscribe(receiver, OBSTACLES, lambda msg: None)
-    pair.until(lambda: not ros.missing_subscriptions(sender, RING))
-
-
 def test_the_latest_message_is_that_of_the_namespace(pair, cars):
     sender, receiver, other = cars
     newest = LatestMessage(receiver, STATE_TOPIC)
