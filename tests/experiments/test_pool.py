@@ -126,10 +126,9 @@ def test_a_pool_that_cannot_begin_says_why(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('options', [(), ('--nanny',)])
-def test_tasks_of_a_worker_that_ends_are_done_by_the_others(cluster, tmp_path, options):
-    cluster.start_worker(*options)
-    cluster.start_worker(*options)
+def test_tasks_of_a_worker_that_ends_are_done_by_the_others(cluster, tmp_path):
+    for _ in range(2):
+        cluster.start_worker('--nanny')  # as `dask worker` does
     task = (KILLS_ITS_DASK_WORKER_ONCE, {'path': str(tmp_path / 'done')})
     with Pool(1, cluster.address, same) as pool:
         (ended,) = pool.finish_each(exec, [task])
