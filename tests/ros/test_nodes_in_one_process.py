@@ -148,7 +148,7 @@ def names_of(node):
 
 
 def test_every_parameter_is_described_and_what_is_read_at_the_start_stays(tmp_path):
-    with NodeRing(tmp_path, 'realtime', 'straight') as ring:
+    with NodeRing(tmp_path, 'realtime', 'straight', **CONSUMER) as ring:
         for role, node in ring.nodes.items():
             changeable = run_time_parameters.names(node.params) if role == 'controller' else ()
             assert {'mode', 'recorders', *changeable} <= set(names_of(node))
