@@ -1,4 +1,4 @@
-"""Every program of bench starts; those that take seconds print their table, and what they say."""
+"""Every program of bench starts; of roads on ice and of nodes that grow, what they find."""
 
 import re
 import runpy
@@ -47,34 +47,7 @@ def test_a_program_prints_its_table(run):
     assert re.search(r'step_us +\d+\.\d\d\n', text)
 
 
-@pytest.mark.parametrize(
-    ('program', 'words', 'row'),
-    [
-        pytest.param(
-            'prediction_error.py', (), r'\| with lag, 1 s \|', marks=pytest.mark.slow, id='errors'
-        ),
-        pytest.param(
-            'solver_comparison.py',
-            ('--quick', '--passes', '1'),
-            r'\| warm \| ours \|.* 100 % \|',
-            marks=[pytest.mark.nightly, pytest.mark.timeout(3600)],
-            id='solvers',
-        ),
-    ],
-)
-def test_a_longer_program_prints_its_table(run, tmp_path, program, words, row):
-    code, text = run(program, *words, '--out', str(tmp_path / 'written'))
-    assert code in (0, None)
-    assert re.search(row, text)
-
-
-@pytest.mark.parametrize('minutes', ['601', 'nan'])
-def test_a_soak_that_cannot_be_driven_is_refused(run, minutes):
-    code, text = run('soak.py', '--minutes', minutes)
-    assert code == 2
-    assert '0.1 to 600' in text
-
-
+@pytest.mark.nightly
 @pytest.mark.usefixtures('dds')
 def test_a_short_drive_does_not_make_the_nodes_grow():
     command = [sys.executable, BENCH / 'soak.py', '--minutes', '0.4']

@@ -146,17 +146,6 @@ def test_each_rule_of_the_cost_changes_the_drive_and_none_of_them_ends_it(drive,
         assert changed.metrics['min_v2o_m'] > usual.metrics['min_v2o_m'] + 0.02
 
 
-def test_a_slippery_patch_acts_on_the_wheels_on_it(drive):
-    columns = drive('split_mu', 'mpcc').columns
-    wheels, odometry = columns['/vehicle/wheels'], columns['/vehicle/odometry']
-    kappa, force = wheels.slip[:, 2:], wheels.force_x_n[:, 2:]
-    x = np.interp(wheels.t_s, odometry.t_s, odometry.x_m)
-    on, before = (x > 50) & (x < 80), x < 35
-    slopes = [np.mean(force[some], axis=0) / np.mean(kappa[some], axis=0) for some in (before, on)]
-    assert abs(slopes[0][0] / slopes[0][1] - 1) < 0.05
-    assert slopes[1][0] < slopes[1][1]
-
-
 def estimates(driven):
     return np.array([report.get('friction.estimate', np.nan) for report in driven.reports])
 
@@ -170,13 +159,9 @@ def test_the_friction_of_a_slippery_road_is_estimated_and_without_that_the_car_i
     assert np.all(np.isnan(estimates(without)))
 
 
-def test_wrong_measurements_are_not_taken_for_ice(drive):
+def test_a_wrong_sideslip_is_not_taken_for_ice(drive):
     biased = estimates(drive(DOUBLE, 'mpcc_road', BIAS, 80))
     assert np.median(biased[len(biased) // 2 :]) > 0.8
-    for factor in (1.0, 2.0):
-        noise = drive('closed_road', 'mpcc_road', noisy(factor))
-        assert {report['reason'] for report in noise.reports} <= {'converged', 'good_enough'}
-        assert min(estimates(noise)) > 0.6
 
 
 def test_a_delay_that_is_known_costs_little(drive):

@@ -29,11 +29,14 @@ ELSEWHERE = {
     'packages.md': '`make wheels_test`',
     'ubuntu.md': 'tests/packaging/test_installed.py builds with colcon',
 }
-PAGES = [
-    *(ROOT / 'README.md', DOCS / 'quickstart.md', DOCS / 'extending.md'),
-    *(p for p in sorted(DOCS.glob('tutorials/*.md')) if p.name not in ELSEWHERE),
-    *(p for p in sorted(DOCS.glob('howto/*.md')) if p.name not in ELSEWHERE),
-]
+LESSONS, GUIDES = (
+    [*first, *(p for p in sorted(DOCS.glob(pattern)) if p.name not in ELSEWHERE)]
+    for first, pattern in (
+        ((ROOT / 'README.md', DOCS / 'quickstart.md', DOCS / 'extending.md'), 'tutorials/*.md'),
+        ((), 'howto/*.md'),
+    )
+)
+PAGES = [*LESSONS, *GUIDES]
 # In the first lines of a page: `clone` has copies of the packages, which the page changes; `nodes`
 # starts nodes of ROS; `driven` has the runs of the double lane change; `demo` calls `make demo`,
 # which drives there; `quick` runs in `make test`; `launch` has `ros2 launch experiments FILE` and a
@@ -68,11 +71,12 @@ exec {python} {runner} $file "$@"
 """
 # what pip does after a change, PYTHONPATH does here; a run takes a free domain, as in the terminal
 # of a reader, where that of the other terminals is not set; `make demo` runs its recipe on the
-# pages that are about it; a recording is played at twenty times its speed
+# pages that are about it; a recording is played at twenty times its speed, a film has few frames
 PRELUDE = """
 experiments() { env -u ROS_DOMAIN_ID experiments "$@"; }
 bags() {
     test "$1" != play || set -- "$@" --rate 20
+    test "$1" != film || set -- "$@" --fps 2
     command bags "$@"
 }
 make() {
@@ -117,13 +121,15 @@ def imported_by(source):
     return names
 
 
-def parameters():
-    for page in PAGES:
+def each(pages):
+    parameters = []
+    for page in pages:
         words, marks = about(page), []
         if 'quick' not in words:
             marks = [pytest.mark.ros if 'nodes' in words else pytest.mark.slow]
             marks += [pytest.mark.reads(*names_of(page))]
-        yield pytest.param(page, id=page.relative_to(ROOT).as_posix(), marks=marks)
+        parameters.append(pytest.param(page, id=page.relative_to(ROOT).as_posix(), marks=marks))
+    return pytest.mark.parametrize('page', parameters)
 
 
 @pytest.fixture
@@ -171,9 +177,7 @@ def read(text, folder, environment):
                 raise AssertionError(f'line {block.line}: {error}') from None
 
 
-@pytest.mark.timeout(1800, func_only=True)
-@pytest.mark.parametrize('page', parameters())
-def test_a_page_does_what_it_says(page, home, request):
+def do(page, home, request):
     words = about(page)
     paths = os.pathsep.join((str(Path(sys.prefix, 'bin')), os.environ['PATH']))
     environment = os.environ | {'PATH': paths, 'COLUMNS': '120', 'MPLBACKEND': 'agg'}
@@ -188,6 +192,21 @@ def test_a_page_does_what_it_says(page, home, request):
     if 'demo' in words:
         environment['DEMO'] = 'yes'
     read(page.read_text().replace('/tmp/', f'{home}/tmp/'), home, environment)
+
+
+# a class is what one of several workers does
+@pytest.mark.timeout(1800, func_only=True)
+class TestLessons:
+    @each(LESSONS)
+    def test_a_page_does_what_it_says(self, page, home, request):
+        do(page, home, request)
+
+
+@pytest.mark.timeout(1800, func_only=True)
+class TestGuides:
+    @each(GUIDES)
+    def test_a_page_does_what_it_says(self, page, home, request):
+        do(page, home, request)
 
 
 def test_blocks_that_only_the_reader_can_run_are_counted():

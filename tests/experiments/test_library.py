@@ -19,6 +19,7 @@ QUICK = ('pop_up_late', 'oncoming_car')
 ENTRIES = emergencies.entries_of_library()
 
 
+@pytest.mark.usefixtures('tasks_here')
 def test_draws_are_driven_once_and_judged(tmp_path, capsys):
     def drive(draws, *more):
         command = ['library', '--family', 'crossing_pedestrian', '--draws', str(draws), '--seed']

@@ -15,9 +15,7 @@ import pytest
 import yaml
 from capabilities import ORDINARY_USER
 
-from bags.errors import BagError
 from experiments import cli
-from experiments.pool import Finished, Pool
 from msgs_yaml import share
 
 SLOW = ('casadi', 'matplotlib', 'bokeh', 'rclpy')  # to import
@@ -203,15 +201,6 @@ STUDY = {
 IN_A_PROCESS = ':9: set.plant.friction[1]: ... 0.05 to 1.5'  # as every study is checked
 
 
-def finish_here(pool, check, tasks):
-    """Yield what `Pool.finish_each` does, without starting a process."""
-    for number, task in enumerate(tasks):
-        try:
-            yield Finished(number, check(*task))
-        except BagError as error:
-            yield Finished(number, None, error)
-
-
 def draw_of(name, distribution, **more):
     return {'set': {}, 'draws': 2, 'draw': {name: distribution}, **more}
 
@@ -305,9 +294,9 @@ def draw_of(name, distribution, **more):
     ],
     ids=lambda value: str(value)[:60],
 )
-def test_mistakes_in_a_study(refused, tmp_path, monkeypatch, given, expected):
+def test_mistakes_in_a_study(refused, tmp_path, request, given, expected):
     if expected != IN_A_PROCESS:
-        monkeypatch.setattr(Pool, 'finish_each', finish_here)
+        request.getfixturevalue('tasks_here')
     fields = {name: value for name, value in (STUDY | given).items() if value is not None}
     (tmp_path / 'study.yaml').write_text(yaml.safe_dump(fields, sort_keys=False))
     error = refused(['batch', 'study.yaml', '--out', 'out', '--jobs', '1']).err
@@ -484,6 +473,7 @@ assert not {{*{SLOW}}} & set(sys.modules)
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.usefixtures('tasks_here')
 @pytest.mark.parametrize('words', [('library', '--draws', '1'), ('batch', 'study.yaml')])
 def test_without_the_package_that_writes_the_table_nothing_is_driven(
     refused, tmp_path, monkeypatch, words
@@ -493,5 +483,4 @@ def test_without_the_package_that_writes_the_table_nothing_is_driven(
     monkeypatch.setattr(
         importlib.util, 'find_spec', lambda name, *a: None if name == 'pyarrow' else find(name, *a)
     )
-    monkeypatch.setattr(Pool, 'finish_each', finish_here)
     assert 'pip install pyarrow' in refused([*words, '--out', 'table']).err

@@ -1,13 +1,13 @@
 """Tasks end alike here and on a cluster, leave no process; workers that differ are refused."""
 
 import importlib
+import json
 import os
 import signal
 import subprocess
 import sys
 
 import pytest
-from dask_cluster import Cluster
 from wait_until import lives, wait_until
 
 from bags.errors import BagError
@@ -46,6 +46,49 @@ def same():
 
 def process():
     return {'process': str(os.getpid())}
+
+
+class Cluster:
+    """A dask.distributed scheduler at `address`, and the workers that are started; a context."""
+
+    def __init__(self, folder):
+        folder.mkdir()
+        self.folder, self.workers = folder, []
+
+    def __enter__(self):
+        facts = self.folder / 'scheduler.json'
+        self.scheduler = self._start('scheduler', '--port', '0', '--scheduler-file', facts)
+
+        def is_there():
+            return facts.exists() and facts.read_text().endswith('}')
+
+        wait_until(is_there, 2 * TIMEOUT_S, self._log('scheduler').read_text)
+        self.address = json.loads(facts.read_text())['address']
+        return self
+
+    def __exit__(self, *error):
+        for process in (*self.workers, self.scheduler):
+            process.kill()
+            process.wait()
+
+    def start_worker(self, nanny: str = '--no-nanny') -> subprocess.Popen:
+        """Start a worker with a thread."""
+        own = ('--nthreads', '1', '--local-directory', self.folder)
+        self.workers.append(self._start('worker', self.address, *own, nanny))
+        return self.workers[-1]
+
+    def _start(self, what, *options):
+        command = [sys.executable, '-m', f'distributed.cli.dask_{what}', *map(str, options)]
+        with self._log(what).open('a') as log:
+            return subprocess.Popen(
+                [*command, '--host', '127.0.0.1', '--no-dashboard'],
+                stdout=log,
+                stderr=log,
+                env=os.environ | {'PYTHONPATH': ':'.join(filter(None, sys.path))},
+            )
+
+    def _log(self, what):
+        return self.folder / f'{what}.log'
 
 
 @pytest.fixture
@@ -126,10 +169,9 @@ def test_a_pool_that_cannot_begin_says_why(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('options', [(), ('--nanny',)])
-def test_tasks_of_a_worker_that_ends_are_done_by_the_others(cluster, tmp_path, options):
-    cluster.start_worker(*options)
-    cluster.start_worker(*options)
+def test_tasks_of_a_worker_that_ends_are_done_by_the_others(cluster, tmp_path):
+    for _ in range(2):
+        cluster.start_worker('--nanny')  # as `dask worker` does
     task = (KILLS_ITS_DASK_WORKER_ONCE, {'path': str(tmp_path / 'done')})
     with Pool(1, cluster.address, same) as pool:
         (ended,) = pool.finish_each(exec, [task])

@@ -11,8 +11,8 @@ import damage
 import numpy as np
 import pytest
 import yaml
-from node_ring import NodeRing, Relay
-from states import Drive
+from node_ring import SAMPLED_NS, NodeRing, Relay
+from states import STANDSTILL_MPS, Drive
 
 from msgs_yaml import contract
 from vehicle_plant.simulator import START_NS
@@ -34,7 +34,7 @@ FAULTS = sorted(
 INVALID = ('not_finite', 'out_of_range', 'too_fast', 'beyond_friction', 'unreadable')
 END_M = 500.0  # of the road that faults share, with room to stop
 SHARED_M = 650.0
-AFTERWARDS_S = 0.3  # driven after a state is to be settled
+AFTERWARDS_S = 0.3  # driven or stood after a state is to be settled
 WITHOUT_PLANT_S = 1.5
 SETTINGS = {'plant': {'lockstep_timeout_s': 1.0}}
 
@@ -162,7 +162,13 @@ def test_a_fault_ends_in_the_expected_state(fault, rings):
         plant_lives = fault.expect != 'braking'
         lasts_s = max(fault.within_s, fault.lasts_s if fault.lasts_s < 100.0 else 0.0)
         lasts_s = lasts_s + AFTERWARDS_S if plant_lives else WITHOUT_PLANT_S
-        ring.spin_until(lambda: ring.has_ended() or ring.time_ns >= begins_ns + lasts_s * 1e9)
+        ring.spin_until(
+            lambda: (
+                ring.has_ended()
+                or ring.time_ns >= begins_ns + lasts_s * 1e9
+                or (fault.expect == 'stopped' and stands(ring))
+            )
+        )
         ring.bus.relays.clear()
         drive = Drive()
         drive.speeds = ring.speeds
@@ -172,6 +178,12 @@ def test_a_fault_ends_in_the_expected_state(fault, rings):
         assert final.settled_s <= fault.within_s, final
         is_damaged = fault.action == 'relay' and '/controller/command' in fault.target
         assert not plant_lives or is_damaged or invalid_commands(ring) == refused
+
+
+def stands(ring):
+    """Return whether the car has stood for AFTERWARDS_S."""
+    last = [speed for _, speed in ring.speeds[-round(AFTERWARDS_S * 1e9 / SAMPLED_NS) - 1 :]]
+    return max(last) < STANDSTILL_MPS
 
 
 def invalid_commands(ring):

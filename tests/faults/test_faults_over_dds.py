@@ -1,6 +1,6 @@
 """What DDS and the system add to the faults of test_faults.py, with a process for each node.
 
-Some damaged messages in one drive in lockstep, and, each night, every fault of a process: killed,
+Each night: some damaged messages in one drive in lockstep, and every fault of a process: killed,
 frozen, a clock of the machine that jumps, a full disk.
 """
 
@@ -94,6 +94,7 @@ class Relay:
         )
 
 
+@pytest.mark.nightly
 def test_damaged_messages_over_dds_end_in_the_expected_state(tmp_path, domain):
     road = write_straight(tmp_path, LONG)
     topics = [(t, '', DAMAGED) for t in ('/vehicle/odometry', '/controller/command', '/clock')]

@@ -102,14 +102,13 @@ def test_the_plant_survives_every_command_and_follows_no_invalid_one(plant, foll
 
 def test_the_plant_survives_every_path_and_starts_on_no_invalid_one(plant):
     node_bench.send_path(plant.node, START_NS)
-    kept = [plant.node.reference]
+    kept, sound = [plant.node.reference], load_example(REFERENCE)
 
     @FUZZ
     @given(BATCHES)
     def example(batch):
         for change in batch:
-            raw = hostile_messages.changed(load_example(REFERENCE), change)
-            node_bench.send(plant.node, REFERENCE, raw)
+            node_bench.send(plant.node, REFERENCE, hostile_messages.changed(sound, change))
             if plant.node.reference is not kept[-1]:
                 kept.append(plant.node.reference)
                 assert np.isfinite(plant.node.simulator_at(START_NS).now.rows).all()

@@ -6,7 +6,6 @@ from fnmatch import fnmatch
 
 import capabilities
 import changes
-import commit_seed
 import pytest
 from node_graph import OF_PROCESSES
 
@@ -45,9 +44,8 @@ def repository(tmp_path, monkeypatch):
     def git(*words):
         return subprocess.check_output([*GIT, *words], cwd=tmp_path, text=True).strip()
 
-    for name in ('GIT_DIR', 'GIT_WORK_TREE', changes.VARIABLE, 'SEED'):
+    for name in ('GIT_DIR', 'GIT_WORK_TREE', changes.VARIABLE):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(commit_seed, '__file__', str(tmp_path / 'commit_seed.py'))
     monkeypatch.setattr(changes, 'ROOT', tmp_path)
     git('init')
     for name in ('a.md', 'b.md', 'c.md'):
@@ -55,16 +53,6 @@ def repository(tmp_path, monkeypatch):
     git('add', '.')
     git('commit', '-m', 'one')
     return git
-
-
-def test_a_seed_is_given_or_that_of_the_commit(repository, monkeypatch):
-    assert f'{commit_seed.seed("SEED"):08x}' == repository('rev-parse', 'HEAD')[:8]
-    monkeypatch.setenv('SEED', '17')
-    assert commit_seed.seed('SEED') == 17
-    monkeypatch.setenv('SEED', '')
-    monkeypatch.setenv('PATH', '')
-    with pytest.warns(UserWarning, match='git.*SEED'):
-        assert commit_seed.seed('SEED') == 0
 
 
 def test_what_a_test_reads_has_changed_since_a_commit_or_may_have(

@@ -86,15 +86,11 @@ def test_a_file_a_mapping_and_flat_values_become_the_dataclass_with_floats_for_w
 # is in tests/msgs_yaml/test_yaml.py
 FILE_MISTAKES = [
     (3, '    mass_kg: 1  # kg', ':3: mass_kg: is 1; allowed 100 to 5000 kg'),
-    (3, '    mass_kg: .nan', ':3: mass_kg: must be finite, is nan; allowed 100 to 5000 kg'),
     (3, '    mas_kg: 1  # kg', ":3: mas_kg: unknown parameter; did you mean 'mass_kg'?"),
     (3, '    wings: 2', ':3: wings: unknown parameter'),
     (3, '    mass_kg:  # kg', ':3: mass_kg: has no value; allowed 100 to 5000'),
-    (4, '    gears: 6\n    drag: 2', ':5: drag: is 2; allowed 0 to 1'),
     (4, '', ': gears: is missing; allowed 1 to 8'),
-    (7, '    ratios: [1.0, x]', ":7: ratios: must be a number, is 'x'; allowed 0 to 10"),
     (9, '      stifness: 1', ":9: front.stifness: unknown parameter; did you mean 'front.stiff"),
-    (9, '      stiffness: ', ':9: front.stiffness: has no value; allowed 1 to 5 N/rad'),
     (9, '      driven: true', ':10: front.driven: appears twice'),
     (
         11,
@@ -215,7 +211,6 @@ def test_a_bare_name_is_beside_the_file_or_in_config_and_a_path_is_relative_to_i
             ['base: a.yaml'],
             r'b.yaml:4: base: the files are based on each other: small.yaml -> a.yaml -> b.yaml ->',
         ),
-        (['base: full.yaml', 'mas_kg: 1'], r"small.yaml:4: mas_kg: unknown .* mean 'mass_kg'"),
         (['base: full.yaml', 'rear: 3'], r'small.yaml:4: rear: is a group, .* allowed rear'),
         (['base: broken.yaml'], r'broken.yaml:3: mass_kg: is 2'),
     ],

@@ -185,7 +185,7 @@ def test_messages_of_a_template_arrive_as_those_of_an_object_and_lockstep_loses_
         assert [decode.stamp_ns_of(raw) for raw in received[1:]] == stamps
 
 
-def test_parameters_are_declared_with_their_description_and_range_and_cannot_change(pair):
+def test_parameters_are_declared_with_their_description_and_range(pair):
     assert pair.sender.params == Params(2.0, 3, (1.0, 2.0), True, None)
     assert ros.mode(pair.sender) == 'lockstep'
     descriptor = pair.sender.describe_parameter('gain')
@@ -196,11 +196,6 @@ def test_parameters_are_declared_with_their_description_and_range_and_cannot_cha
     assert (allowed.from_value, allowed.to_value) == (0, 9)
     mode = pair.sender.describe_parameter('mode')
     assert mode.additional_constraints == 'lockstep or realtime'
-    for name, value in (('gain', 3.0), ('mode', 'realtime'), ('loud', False), ('base', 'a.yaml')):
-        (result,) = pair.sender.set_parameters([Parameter(name, value=value)])
-        assert not result.successful
-        assert 'read-only' in result.reason
-        assert pair.sender.get_parameter(name).value != value
 
 
 def test_whole_numbers_and_lists_override_doubles_and_an_unknown_override_stops_the_node(pair):
@@ -272,17 +267,6 @@ def test_every_topic_stays_in_the_namespace_of_its_node(pair, cars):
         assert [sub.get_publisher_count() for sub in subs[1:]] == [0, 0]
     with pytest.raises(KeyError):
         ros.publisher(pair.sender, '/vehicle/odometer')
-
-
-def test_listeners_in_another_namespace_do_not_count(pair, cars):
-    sender, receiver, other = cars
-    ros.publisher(sender, OBSTACLES)
-    for stranger in (other, pair.receiver):
-        ros.subscribe(stranger, OBSTACLES, lambda msg: None)
-    lacking = ['1 subscriptions to /car1/scenario/obstacles (has 0)']
-    assert ros.missing_subscriptions(sender, RING) == lacking
-    ros.subscribe(receiver, OBSTACLES, lambda msg: None)
-    pair.until(lambda: not ros.missing_subscriptions(sender, RING))
 
 
 def test_the_latest_message_is_that_of_the_namespace(pair, cars):

@@ -43,7 +43,6 @@ ZERO = 'ZeroDivisionError'
 HANGS = {'error': shutdown.TRACEBACK_START, 'within_s': 12.0}
 # both signals, and each kind of hang: test_shutdown.py
 ENDS = {
-    'a signal': End({}, (INT,)),
     # a terminal and a supervisor may both send it
     'in a callback': End({'tick': f"{SLEEP}(1.0); print('whole')"}, (INT, TERM), says='whole'),
     'at the start': End({'start': f'{SLEEP}(60)'}, (TERM,), 'gain', never='tick'),

@@ -20,14 +20,6 @@ from experiments.run import processes
 from msgs_yaml import decode, share
 from node_runtime import provenance, ros, shutdown, spin_node
 
-# topics whose messages have numeric columns
-NUMERIC = (
-    '/vehicle/odometry',
-    '/vehicle/actuators',
-    '/vehicle/imu',
-    '/vehicle/wheels',
-    '/controller/command',
-)
 # recorded with a new stamp at each repetition, sent once in a simulation
 REPEATED = {'/scenario/reference', '/scenario/road_edges'}
 ROLES = ('scenario', 'controller', 'plant', 'recorder')

@@ -36,7 +36,6 @@ MULTI_BODY = {
 @pytest.mark.parametrize(
     ('name', 'settings'),
     [
-        pytest.param('double_lane_change', {}, id='double track'),
         pytest.param('moving_obstacle', {}, id='moving obstacle'),
         # friction patches reach the plant by another path than everything else
         pytest.param('split_mu', {}, id='patches'),
@@ -149,7 +148,7 @@ def names_of(node):
 
 
 def test_every_parameter_is_described_and_what_is_read_at_the_start_stays(tmp_path):
-    with NodeRing(tmp_path, 'realtime', 'straight') as ring:
+    with NodeRing(tmp_path, 'realtime', 'straight', **CONSUMER) as ring:
         for role, node in ring.nodes.items():
             changeable = run_time_parameters.names(node.params) if role == 'controller' else ()
             assert {'mode', 'recorders', *changeable} <= set(names_of(node))

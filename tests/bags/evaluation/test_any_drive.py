@@ -71,7 +71,7 @@ def is_json(found):
 
 
 def test_metrics_of_any_drive_are_json_and_never_raise(road):
-    @settings(max_examples=200)
+    @settings(max_examples=100)
     @given(any_drive(*road))
     def tried(drive):
         finite = np.all([np.isfinite(column) for column in drive.motion], axis=0)

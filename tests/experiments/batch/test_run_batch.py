@@ -96,6 +96,7 @@ def test_a_batch_asks_the_cluster_that_is_named(write_study, tmp_path, monkeypat
     assert '--dask tcp://127.0.0.1:9: no scheduler answers' in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures('tasks_here')
 def test_the_table_has_a_column_for_all_that_a_drive_is_and_gives(write_study, tmp_path):
     study = write_study(set={'scenario.speed_mps': [14.5, 15.0]})
     assert cli.main(['batch', str(study), '--out', str(tmp_path), '--jobs', '1']) == 0
@@ -120,6 +121,7 @@ def test_the_table_has_a_column_for_all_that_a_drive_is_and_gives(write_study, t
     assert json.loads(table.schema.metadata[b'versions'])['numpy']
 
 
+@pytest.mark.usefixtures('tasks_here')
 def test_draws_and_families_have_a_row_each_and_columns_of_what_is_drawn(write_study, tmp_path):
     given = {
         'set': {},
@@ -165,6 +167,7 @@ def test_a_drive_that_crashes_or_raises_costs_its_row_and_is_tried_again(write_s
     assert [row['completed'] for row in read_rows(tmp_path)] == [True] * 4
 
 
+@pytest.mark.usefixtures('tasks_here')
 def test_drives_with_one_key_are_simulated_once(write_study, tmp_path):
     study = write_study(set={'controller.safety.obstacle_m': [0.5, 0.5]}, runs=1)
     assert run(study, tmp_path) == 0
@@ -173,6 +176,7 @@ def test_drives_with_one_key_are_simulated_once(write_study, tmp_path):
     assert first == second
 
 
+@pytest.mark.usefixtures('tasks_here')
 def test_a_plant_that_the_controller_does_not_know_is_driven_with_one_warning(
     write_study, tmp_path, capsys
 ):

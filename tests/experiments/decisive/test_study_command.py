@@ -21,12 +21,13 @@ def plan():
     values['starts'] |= {'tasks': 1, 'count': 1}
     values['search'] |= {
         'first': {'points': 2, 'tasks': 1},
-        'rounds': {'count': 1, 'points': 3, 'tasks': 1},
+        'rounds': {'count': 1, 'points': 2, 'tasks': 1},
     }
     values['picture'] |= {'drives': 2, 'batch': 2, 'nearest': 1}
     return values
 
 
+@pytest.mark.usefixtures('tasks_here')
 def test_a_study_is_driven_goes_on_and_is_decided(plan, tmp_path, capsys):
     plans, out = tmp_path / 'plans', tmp_path / 'out'
     plans.mkdir()
@@ -37,7 +38,7 @@ def test_a_study_is_driven_goes_on_and_is_decided(plan, tmp_path, capsys):
     assert cli.main([*run, '2']) == 0
     drives = pd.read_parquet(out / 'drives.parquet')
     searched = drives[~drives['judged']].groupby(['replicate', 'arm']).size()
-    assert set(searched) == {2 + 3}
+    assert set(searched) == {2 + 2}
     judged = drives[drives['judged'] & drives['start'].eq(0)]
     # both arms had the same tasks, which are those of no search
     tasks = judged.groupby(['replicate', 'arm'])['S'].apply(tuple).unstack('arm')

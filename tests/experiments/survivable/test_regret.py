@@ -123,6 +123,7 @@ def test_a_table_of_drives_and_verdicts_says_the_same_without_a_search(tmp_path,
     assert capsys.readouterr().out.strip() == first
 
 
+@pytest.mark.usefixtures('tasks_here')
 def test_a_draw_of_another_plant_is_another_draw_and_searched_with_that_plant(tmp_path):
     """On ice nobody survives what is possible on a dry road: one answer must not serve both."""
     ice = {'plant.friction': 0.05}
@@ -144,6 +145,7 @@ def test_a_folder_without_a_table_and_an_unknown_base_are_named(tmp_path):
         shown(folder, base='mpcc_road')
 
 
+@pytest.mark.usefixtures('tasks_here')
 def test_a_draw_that_all_lost_is_searched_once_and_its_verdict_kept(tmp_path, capsys, monkeypatch):
     """The table says that it was lost: an MPCC with hindsight survives it."""
     folder = written(tmp_path / 'library', row(1, 'mpcc', False), row(2, 'mpcc', True))
