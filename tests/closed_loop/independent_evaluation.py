@@ -15,6 +15,10 @@ SPACING = 0.25  # m between the points that sample the outline
 OUTLINE_EVERY = 10  # samples, for the outline against the edges
 TOUCH = 0.02  # m, nearer to contact than this the result is undecided
 CROSSED = 0.08  # m likewise for the outline beyond an edge, which is evaluated at points only
+ANGLE = 0.1  # deg likewise for the sideslip angle
+MOVING = 3.0  # m/s, at lower speeds the sideslip angle has no meaning
+LOST_DEG, SPUN_DEG = 30.0, 90.0  # of sideslip
+REACHED = 0.5  # m likewise for the finish line
 CHUNK = 200  # points per evaluation
 
 
@@ -35,6 +39,8 @@ class Motion(NamedTuple):
     X: np.ndarray
     Y: np.ndarray
     psi: np.ndarray
+    vx: np.ndarray
+    vy: np.ndarray
 
 
 class Evaluation(NamedTuple):
@@ -44,8 +50,12 @@ class Evaluation(NamedTuple):
     v2e: dict[str, float]  # m, least distance of the circles to each edge
     outline: float | None  # m, least distance of the outline to any obstacle
     beyond: float  # m, how far the outline reached beyond an edge; negative inside
+    sideslip: float | None  # deg, largest, without sign; None for a car that stands
     collided: bool | None
     left_road: bool | None
+    lost: bool | None
+    spun: bool | None
+    completed: bool | None
 
 
 def evaluate(scn: Scenario, motion: Motion, body: Body) -> Evaluation:
@@ -72,14 +82,19 @@ def evaluate(scn: Scenario, motion: Motion, body: Body) -> Evaluation:
         for side, sign, line in _sides(scn)
     }
     beyond = _beyond(scn, motion, body)
+    slip = _sideslip(motion)
     near = [gap for gap in (*circles.values(), outline) if gap is not None]
     return Evaluation(
         circles,
         edges,
         outline,
         beyond,
+        slip,
         collided=_decide(min(near, default=np.inf), TOUCH),
         left_road=_decide(-beyond, CROSSED),
+        lost=_decide(LOST_DEG - (slip or 0.0), ANGLE),
+        spun=_decide(SPUN_DEG - (slip or 0.0), ANGLE),
+        completed=_completed(scn, motion),
     )
 
 
@@ -173,6 +188,15 @@ def left_of(points: np.ndarray, line: np.ndarray, endless: bool = False) -> np.n
     return np.concatenate(distances)
 
 
+def _sideslip(motion):
+    """Return the largest angle [deg] between heading and motion."""
+    speed = np.hypot(motion.vx, motion.vy)
+    moving = speed > MOVING
+    if not moving.any():
+        return None
+    return float(np.degrees(np.arccos(np.clip(motion.vx[moving] / speed[moving], -1.0, 1.0)).max()))
+
+
 def _beyond(scn, motion, body):
     """Return how far the outline reached beyond an edge at most."""
     some = np.union1d(np.arange(0, len(motion.X), OUTLINE_EVERY), len(motion.X) - 1)
@@ -185,3 +209,47 @@ def _beyond(scn, motion, body):
         sides.append(tail + share * (tip - tail))
     outline = np.concatenate(sides, axis=1).reshape(-1, 2)
     return max(-float(np.min(sign * left_of(outline, line, True))) for _, sign, line in _sides(scn))
+
+
+def _completed(scn, motion):
+    """Return whether the centre crossed the finish line on the road; None where undecided.
+
+    On a road that passes the finish line several times only those crossings count that come
+    after the least distance to be travelled.
+    """
+    stop = scn.stop
+    direction = np.array([np.cos(stop.psi), np.sin(stop.psi)])
+    relative = np.column_stack([motion.X - stop.X, motion.Y - stop.Y])
+    ahead = relative @ direction
+    aside = relative @ [-direction[1], direction[0]]
+    steps = np.hypot(np.diff(motion.X), np.diff(motion.Y))
+    travelled = np.concatenate([[0.0], np.cumsum(steps)])
+    finish = np.array([[stop.X, stop.Y]])
+    left = abs(float(left_of(finish, scn.edges.left)[0]))
+    right = abs(float(left_of(finish, scn.edges.right)[0]))
+    on_road = (aside < left - TOUCH) & (aside > TOUCH - right)
+    sides = (ahead[:-1] < 0.0) & (ahead[1:] >= 0.0)
+    late = travelled[1:] > stop.armed_after + REACHED
+    if np.any(sides & on_road[1:] & late):
+        return True
+    if not np.any((ahead[:-1] < REACHED) & (ahead[1:] >= -REACHED)):
+        return False  # never near the line or beyond it, from behind
+    if np.any((np.abs(ahead) < REACHED) & on_road & (travelled > stop.armed_after)):
+        return None  # so near the line that the method of measuring decides
+    if np.ptp(scn.reference.psi) > 1.9 * np.pi:
+        return None  # laps: a point has several distances along them
+    path = np.column_stack([scn.reference.X, scn.reference.Y])
+    goal = _length_to(path, finish[0])
+    points = np.column_stack([motion.X, motion.Y])[::OUTLINE_EVERY]
+    reached = max(_length_to(path, point) for point in points)
+    return False if reached < goal - REACHED else None
+
+
+def _length_to(path, point):
+    """Return the distance along a polyline at which it is nearest to a point."""
+    along = np.diff(path, axis=0)
+    length = np.hypot(*along.T)
+    share = np.clip(_dot(point - path[:-1], along) / length**2, 0.0, 1.0)
+    gap = np.hypot(*(point - path[:-1] - share[:, None] * along).T)
+    k = int(np.argmin(gap))
+    return float(np.sum(length[:k]) + share[k] * length[k])

@@ -28,9 +28,15 @@ from vehicle_plant.state import SetPoints
 
 DRAWS, IN_CHECK = int(os.environ.get('RANDOM_SCENARIOS', '299')), 29
 SEED = int(os.environ.get('RANDOM_SEED', random_scenarios.SEED))
-TICK_NS = 50_000_000
+# share of runs that the independent evaluation may leave undecided, since they end near the finish
+# line
+UNSURE = 0.25
+TICK_S, GRAVITY = 0.05, 9.81
 NEAREST = 1e-3  # m, between two evaluations of one number
-BEYOND = 0.1  # m likewise: each evaluation samples the outline at points of its own
+# m and deg; each evaluation samples the outline at points of its own
+NEAR = {'beyond_edge_m': 0.1, 'peak_sideslip_deg': 0.01}
+VERDICTS = ('completed', 'collided', 'left_road', 'lost', 'spun')
+ROUNDING = 1e-6  # relative, of a command on its limit
 ENCODE = {
     '/scenario/reference': encode.reference,
     '/scenario/road_edges': encode.road_edges,
@@ -48,6 +54,15 @@ ENCODE_ROWS = {
 }
 
 
+@pytest.fixture(scope='module')
+def undecided():
+    """The verdicts that the independent evaluation left open, by draw: it must stay rare."""
+    open_verdicts = {}
+    yield open_verdicts
+    many = [draw for draw, names in open_verdicts.items() if names]
+    assert len(many) <= UNSURE * len(open_verdicts) + 2, many
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     'index',
@@ -56,7 +71,7 @@ ENCODE_ROWS = {
         *(pytest.param(k, marks=pytest.mark.nightly) for k in range(IN_CHECK, DRAWS)),
     ],
 )
-def test_a_random_scenario_has_no_findings(index, tmp_path):
+def test_a_random_scenario_has_no_findings(index, tmp_path, undecided):
     draw = random_scenarios.draw(SEED, index)
     file = tmp_path / 'draw.yaml'
     file.write_text(draw.text)
@@ -70,8 +85,10 @@ def test_a_random_scenario_has_no_findings(index, tmp_path):
     values = metrics.compute_metrics(drive)
     json.dumps(values, allow_nan=False)
     second = evaluate(setup, columns['/vehicle/odometry'])
+    undecided[index] = [key for key in VERDICTS if getattr(second, key) is None]
     assert [
         *not_finite(columns),
+        *limits_broken(columns, setup.params, setup.vehicle),
         *refused_by_the_plant(columns['/controller/command'], setup.plant, setup.friction),
         *contract_broken(columns),
         *differences(second, values, setup.params),
@@ -88,7 +105,7 @@ def evaluate(setup, odometry):
         radius = math.hypot(share / 2, width / 2)
         offsets = tuple((k + 0.5) * share - rear for k in range(body.circles))
     o = odometry
-    motion = Motion(o.stamp_ns, o.x_m, o.y_m, o.yaw_rad)
+    motion = Motion(o.stamp_ns, o.x_m, o.y_m, o.yaw_rad, o.vx_mps, o.vy_mps)
     return independent_evaluation.evaluate(
         setup.scn, motion, Body(front, rear, width, radius, offsets)
     )
@@ -102,11 +119,41 @@ def not_finite(columns):
                     yield f'{topic}: {name} is not finite'
 
 
+def limits_broken(columns, params, vehicle):
+    """Yield the limits of the controller's parameters that the commands violate."""
+    command, limits, car = columns['/controller/command'], params.limits, vehicle.car
+    force = command.front_x_n + command.rear_x_n
+    steer_step = np.diff(command.steer_rad, prepend=0.0)
+    force_step = np.diff(force, prepend=0.0)
+    weight, wheelbase = car.mass_kg * GRAVITY, car.cog_to_front_m + car.cog_to_rear_m
+    front = (weight * car.cog_to_rear_m - car.cog_height_m * force) / wheelbase
+    rear = (weight * car.cog_to_front_m + car.cog_height_m * force) / wheelbase
+    believed = params.model.friction
+    of_grip = {
+        'front force over friction': command.front_x_n / (vehicle.tyre.front_friction * front),
+        'rear force over friction': command.rear_x_n / (vehicle.tyre.rear_friction * rear),
+    }
+    bounds = {
+        'steer': (command.steer_rad, -limits.steer_rad, limits.steer_rad),
+        'steer rate': (steer_step / TICK_S, -limits.steer_rate_radps, limits.steer_rate_radps),
+        'force': (force, -limits.brake_n, limits.drive_n),
+        'force rate': (force_step / TICK_S, -limits.force_rate_nps, limits.force_rate_nps),
+        **{name: (share, -believed, believed) for name, share in of_grip.items()},
+    }
+    for name, (values, low, high) in bounds.items():
+        spare = ROUNDING * (high - low)
+        bad = np.flatnonzero(~((low - spare <= values) & (values <= high + spare)))
+        if bad.size:
+            yield f'command {bad[0]}: {name} is {values[bad[0]]:.9g}, allowed {low:g} to {high:g}'
+    if not np.all(np.diff(command.stamp_ns) == round(TICK_S * 1e9)):
+        yield 'commands do not come once per tick'
+
+
 def refused_by_the_plant(command, plant, friction):
     gate = Gate(plant, friction, SetPoints(0.0, 0.0, 0.0), int(command.stamp_ns[0]))
     for k, (stamp_ns, _, delta, d_delta, front, rear) in enumerate(zip(*command)):
         sent = Command(int(stamp_ns), delta, d_delta, front, rear)
-        verdict = gate.check(sent, sent.stamp_ns, TICK_NS)
+        verdict = gate.check(sent, sent.stamp_ns, round(TICK_S * 1e9))
         if not verdict.accepted:
             yield f'command {k}: refused by the plant: {verdict.reason}'
 
@@ -147,17 +194,19 @@ def differences(second, values, params):
     least = min((gap for gap in second.v2o.values() if gap is not None), default=None)
     pairs += [('min_v2o_m', least, values['min_v2o_m'])]
     pairs += [('min_v2e_m', min(second.v2e.values()), values['min_v2e_m'])]
+    pairs += [('peak_sideslip_deg', second.sideslip, values['peak_sideslip_deg'])]
     if second.left_road:
         pairs += [('beyond_edge_m', second.beyond, values['beyond_edge_m'])]
     for name, own, other in pairs:
         if (own is None) != (other is None) or (
-            own is not None and abs(own - other) > (BEYOND if name == 'beyond_edge_m' else NEAREST)
+            own is not None and abs(own - other) > NEAR.get(name, NEAREST)
         ):
             yield f'{name} is {other}, the independent evaluation has {own}'
-    for name in ('collided', 'left_road'):
+    verdicts = {**values, 'spun': values['lost_how'] == 'spun'}
+    for name in VERDICTS:
         own = getattr(second, name)
-        if own is not None and values[name] is not own:
-            yield f'{name} is {values[name]}, the independent evaluation has {own}'
+        if own is not None and verdicts[name] is not own:
+            yield f'{name} is {verdicts[name]}, the independent evaluation has {own}'
     spare = [(least, params.safety.obstacle_m), (min(second.v2e.values()), params.safety.edge_m)]
     spare = min(gap - safe for gap, safe in spare if gap is not None)
     if abs(spare) > NEAREST and values['entered_unsafe_area'] is not (spare < 0.0):
