@@ -21,7 +21,7 @@ def describe_neighbours(wanted: str | Path, what: str, is_kept: Callable[[Path],
     # not Path.expanduser, which raises for an unknown user
     folder = Path(os.path.expanduser(wanted)).parent
     shown = 'this folder' if str(wanted.parent) == '.' else str(wanted.parent)
-    if not folder.is_dir():
+    if not os.path.isdir(folder):  # also where its name is too long for one
         return f'there is no folder {shown}'
     try:
         names = sorted(path.name for path in folder.iterdir() if is_kept(path))
@@ -43,7 +43,7 @@ def is_yaml(path: Path) -> bool:
 def describe_yaml_here(name: str) -> str:
     """Return how to give the YAML file that `name` is without suffix, '' if there is none."""
     for suffix in YAML_SUFFIXES:
-        if name and Path(name + suffix).is_file():
+        if name and os.path.isfile(name + suffix):
             return f'there is a file {name}{suffix} in this folder: give its path, ./{name}{suffix}'
     return ''
 

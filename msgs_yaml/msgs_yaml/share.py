@@ -16,7 +16,7 @@ def path(package: str, *relative: str) -> Path:
     roots = _source_tree(package) + [Path(prefix, 'share', package) for prefix in _prefixes()]
     tried = [root.joinpath(*relative) for root in roots]
     for candidate in tried:
-        if candidate.exists():
+        if os.path.exists(candidate):  # false of a name that is too long, too
             return candidate
     paths = '\n  '.join(map(str, tried))
     raise FileNotFoundError(f'{"/".join(relative)} of package {package} is in none of\n  {paths}')

@@ -146,12 +146,12 @@ def find_config(package: str, name: str, parameter: str = '') -> Path:
     if os.sep in name:
         # not Path.expanduser, which raises for an unknown user
         path = Path(os.path.expanduser(name))
-        if not path.is_file():
+        if not os.path.isfile(path):
             raise FileNotFoundError(f'there is no file {name} (seen from {Path.cwd()})')
         return path
     try:
         path = share.path(package, 'config', name)
-        if path.is_file():
+        if os.path.isfile(path):
             return path
     except FileNotFoundError:
         pass

@@ -211,7 +211,7 @@ def _find_base(item: Item, path, config):
     folders = [path.parent, *([config] if config and os.sep not in name else [])]
     for folder in folders:
         path = Path(os.path.normpath(folder / os.path.expanduser(name)))
-        if path.is_file():
+        if os.path.isfile(path):  # false of a name that is too long, too
             return path
     raise item.error(f'there is no file {name} in {" or ".join(map(str, folders))}')
 

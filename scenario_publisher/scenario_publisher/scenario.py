@@ -216,7 +216,7 @@ def _find(name_or_path):
     if is_path:
         # not Path.expanduser, which raises for an unknown user
         path = Path(os.path.expanduser(name_or_path))
-        if path.is_file():
+        if os.path.isfile(path):  # false of a name that is too long, too
             return path
     elif name_or_path in available():
         return _shipped(name_or_path)

@@ -151,6 +151,7 @@ MISTAKES = [
     (PATH, 'poses.2.header.stamp', Time(sec=1, nanosec=500_000_000), LATE),
     (PATH, 'poses.1.header.stamp.sec', -3, 'poses[*].header.stamp is -3.500000000 s; allowed'),
     (PATH, 'poses.0.pose.orientation.w', 0.9, 'orientation is of squared length 0.81; allowed'),
+    (PATH, 'poses.0.pose.orientation.w', 1e300, 'orientation.w (cos(psi/2)) is 1e+300; allowed'),
     (EDGES, 'markers', [Marker()], 'markers is 1 long; allowed 2 to 2 elements'),
     (EDGES, 'markers.1.points', [Point()], 'markers[*].points is 1 long; allowed 2 to 40000'),
     (EDGES, 'markers.1.ns', 'left', "markers are both 'left'; allowed left, right"),
@@ -170,6 +171,7 @@ MISTAKES = [
 ]  # fmt: skip
 
 
+@pytest.mark.filterwarnings('error::RuntimeWarning')  # of numbers too large to square
 @pytest.mark.parametrize(('topic', 'path', 'value', 'error'), MISTAKES)
 def test_what_is_wrong_in_the_form_of_a_message_is_named(topic, path, value, error):
     assert error in refused(topic, put(load_example(topic), path, value))

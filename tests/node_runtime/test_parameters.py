@@ -45,6 +45,7 @@ FILE = """\
     rear: {stiffness: 3, driven: true}  # N/rad, truth
 """
 LINES = FILE.splitlines()
+LONG = 300 * 'a'  # no file system has files of such a name
 FLAT = {name: value for name, value in parameters.flatten(CAR).items() if value is not None}
 
 
@@ -204,6 +205,7 @@ def test_a_bare_name_is_beside_the_file_or_in_config_and_a_path_is_relative_to_i
     ('lines', 'error'),
     [
         (['base: no.yaml'], r'small.yaml:3: base: there is no file no.yaml in'),
+        ([f'base: {LONG}'], rf'small.yaml:3: base: there is no file {LONG} in'),
         (['base: 3'], r'small.yaml:3: base: must be a text, is 3'),
         (['base: {a: 1}'], r'small.yaml: base.a: unknown parameter|small.yaml:3: base.a: unknown'),
         (['base: small.yaml'], r'small.yaml:3: .*based on each other: small.yaml -> small.yaml'),
@@ -297,6 +299,7 @@ FROM = 'command line or parameter file: '
         ({'mode': 'fast'}, f"{FROM}mode: is 'fast'; allowed lockstep or realtime"),
         ({'recorders': -1}, f'{FROM}recorders: is -1; allowed 0 to 10 recorders'),
         ({'base': 'no.yaml'}, f'{FROM}base: there is no file '),
+        ({'base': LONG}, f'{FROM}base: there is no file '),
         ({'base': 3}, f'{FROM}base: must be a text, is 3'),
         ({'base': None}, f'{FROM}base: must be a text, is None'),
         ({'mass_kg': 1}, 'scenario ice.yaml: mass_kg: is 1; allowed 100 to 5000 kg'),
@@ -341,9 +344,9 @@ def test_a_bare_name_is_a_file_of_config_and_a_name_with_a_separator_a_path(inst
     paths = {'./a.yaml': 'here', f'{installed}/a.yaml': 'here', 'sub/a.yaml': 'below'}
     for name, text in (paths | {'~/a.yaml': 'below'}).items():
         assert node_parameters.find_config('some_pkg', name).read_text() == text
-    for name in ('b.yaml', ''):
+    for name in ('b.yaml', LONG, ''):
         with pytest.raises(FileNotFoundError, match=rf'config/{name}; it has a.yaml; .*\./{name}'):
             node_parameters.find_config('some_pkg', name)
-    for name in ('./b.yaml', '~nosuchuser/b.yaml'):
+    for name in ('./b.yaml', f'./{LONG}', '~nosuchuser/b.yaml'):
         with pytest.raises(FileNotFoundError, match=f'no file {re.escape(name)}'):
             node_parameters.find_config('some_pkg', name)

@@ -147,6 +147,18 @@ def names_of(node):
     return [n for n in node.list_parameters([], 0).names if not n.startswith(theirs)]
 
 
+def test_no_state_of_the_start_is_published_once_the_run_has_begun(tmp_path):
+    """A call of its timer may be queued while the first command comes."""
+    with NodeRing(tmp_path, 'realtime', 'straight') as ring:
+        mode, sent = ring.nodes['plant'].mode, []
+        ring.spin_until(lambda: mode.timer is not None)
+        publish_start = mode.timer.callback
+        ring.spin_until(lambda: ring.is_driving(5))
+        ring.bus.listeners['/vehicle/odometry'].append(sent.append)
+        publish_start()
+        assert not sent
+
+
 def test_every_parameter_is_described_and_what_is_read_at_the_start_stays(tmp_path):
     with NodeRing(tmp_path, 'realtime', 'straight', **CONSUMER) as ring:
         for role, node in ring.nodes.items():

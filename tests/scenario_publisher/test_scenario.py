@@ -16,6 +16,7 @@ def test_a_name_is_a_shipped_scenario_and_a_path_a_file(tmp_path, monkeypatch, t
 
 
 NAMES = ', '.join(scenario.available())
+LONG = 300 * 'a'  # no file system has files of such a name
 MEANT = "; did you mean 'double_lane_change'?"
 
 
@@ -27,6 +28,8 @@ MEANT = "; did you mean 'double_lane_change'?"
             f"no scenario 'double_lane_chang'; available: {NAMES}, or a file{MEANT}",
         ),
         ('', f"no scenario ''; available: {NAMES}, or a file"),
+        (LONG, f"no scenario '{LONG}'; available: {NAMES}, or a file"),
+        (f'{LONG}/{LONG}.yaml', f"no file '{LONG}/{LONG}.yaml': there is no folder {LONG}"),
         (
             'no/double_lane_chang.yaml',
             f"no file 'no/double_lane_chang.yaml': there is no folder no{MEANT} (without path and "

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from drives import load
 from estimated_drives import (
     START,
     car,
@@ -21,7 +22,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from experiments.estimation import front_stiffness
+from experiments import estimation
 from mpcc_controller import car_file
 from mpcc_controller.model import fiala
 from msgs_yaml.types import Chassis, Gnss, Imu
@@ -175,6 +176,20 @@ def test_what_is_missing_is_named_and_believed_less_and_comes_back():
         assert np.all(sd[lost, blurred] > full[lost, blurred])
 
 
+def test_wheels_that_say_no_number_are_left_out():
+    driven = track(0.02, 2.0)
+    rear = [
+        m._replace(value=m.value._replace(omega=(np.nan, np.nan, *m.value.omega[2:])))
+        if isinstance(m.value, Chassis)
+        else m
+        for m in readings(driven)
+    ]
+    estimator, results = estimate(rear)
+    assert estimator.resets == 0
+    error, sd = errors(driven, results)
+    assert (np.abs(error) <= 2.5 * sd).mean() > 0.93
+
+
 def test_one_wrong_fix_is_left_out_and_a_receiver_that_stays_elsewhere_is_believed():
     driven = track(0.02, 2.0, seconds=8.0)
     whole = readings(driven)
@@ -276,8 +291,10 @@ def test_nothing_is_believed_before_every_sensor_has_spoken():
 
 
 def test_the_front_stiffness_is_that_of_the_tyre_and_a_soft_steering():
-    tyre = replace(car_file.read('car.yaml').tyre, compliance_radpn=1e-5)
+    stiff = car_file.read('car.yaml')
+    tyre = replace(stiff.tyre, compliance_radpn=1e-5)
+    soft = estimation.vehicle(replace(stiff, tyre=tyre), load().car)
     C, capacity, tan_alpha = tyre.front_cornering_npr, 8e3, 1e-6
     left = fiala.remaining_slip(tan_alpha, capacity, C, 0.95, tyre.compliance_radpn)
     force = -float(fiala.lateral_force(left, capacity, C, 0.95))
-    assert front_stiffness(tyre) == pytest.approx(force / tan_alpha, rel=1e-3)
+    assert soft.front_cornering_npr == pytest.approx(force / tan_alpha, rel=1e-3)

@@ -257,10 +257,14 @@ def test_realtime_follows_a_plan_in_any_pieces_and_then_a_controller_that_return
     whole = late.advance_to(prompt.car.stamp_ns)
     assert whole.rows[-1] == pytest.approx(prompt.car.now.rows[0], rel=1e-9, abs=1e-9)
     assert prompt.car.actuators.delta == pytest.approx(0.05, abs=0.002)
-    prompt.command(coast(prompt.car.stamp_ns - 30 * STEP_NS))
+    answered_ns = prompt.car.stamp_ns - 30 * STEP_NS
+    prompt.command(coast(answered_ns))
+    prompt.stop.keep(answered_ns, unreadable)
     assert (prompt.controller_gone, prompt.car.gate.rejected) == (False, 0)
     step(prompt, 140)
     assert prompt.car.actuators.delta == pytest.approx(0.0, abs=0.01)
+    step(prompt, 100)  # silent again: the plan of the first silence is of no use any more
+    assert prompt.stop.message == f'{REFUSED} no such joint'
 
 
 def test_a_plan_that_is_due_later_is_awaited_under_the_held_command(params):

@@ -70,6 +70,7 @@ def is_json(found):
     return json.loads(json.dumps(found, allow_nan=False)) == found
 
 
+@pytest.mark.filterwarnings('error::RuntimeWarning')
 def test_metrics_of_any_drive_are_json_and_never_raise(road):
     @settings(max_examples=100)
     @given(any_drive(*road))

@@ -149,6 +149,17 @@ def test_a_delay_that_is_known_or_doubted_is_not_taken_for_ice(
     assert other == pytest.approx(unknown, abs=1e-3)
 
 
+def test_a_car_of_unknown_lags_is_taken_to_lag_as_its_actuators_are_compared(world, drive):
+    (params, vehicle), states = world.load(**world.ESTIMATE), drive(0.5, swerve())
+
+    def beliefs(lag_s):
+        actuators = replace(vehicle.actuators, steer_lag_s=lag_s, force_lag_s=lag_s)
+        controller = Controller(params, replace(vehicle, actuators=actuators))
+        return Estimate(controller.parts.friction).frictions(states).tolist()
+
+    assert beliefs(None) == beliefs(0.1) != beliefs(0.0)
+
+
 def _sent_earlier(ramp, duration_s):
     shift_ns = round(duration_s * 1e9)
     return ramp._replace(begin_ns=ramp.begin_ns - shift_ns, end_ns=ramp.end_ns - shift_ns)

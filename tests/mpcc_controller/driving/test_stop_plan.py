@@ -35,10 +35,7 @@ def test_they_are_those_of_the_plan_then_brake_along_its_line(controller, world)
     assert force[-1] < -3000
     # both ways of the lane change that the car has yet to drive
     assert np.ptp(stop.delta[9:]) > 0.02
-    limits = controller.params.limits
-    steps = np.abs(np.diff([record.command.delta, *stop.delta]))
-    assert np.max(steps) <= limits.steer_rate_radps * TICK_S + 1e-12
-    braked = force < 0
+    limits, braked = controller.params.limits, force < 0
     share = stop.Fxf[braked] / force[braked]
     assert np.all(share >= limits.brake_front_share_min)
     assert np.all(share <= limits.brake_front_share_max)
@@ -57,6 +54,18 @@ def test_the_prediction_model_that_follows_them_stays_near_the_line_and_slows_do
         x = drive(x, record.command._replace(delta=delta, Fxf=Fxf, Fxr=Fxr))
     assert x.vx < 14.5
     assert np.min(np.hypot(plan.X[:, 0] - x.X, plan.X[:, 1] - x.Y)) < 1.0
+
+
+def test_from_the_held_command_on_they_change_no_faster_than_the_limits_allow(controller, world):
+    record, limits = answered(controller, world), controller.params.limits
+    X = record.decision.plan.X.copy()
+    X[:, 7:] = 0.3, -limits.brake_n
+    plan = record.decision.plan._replace(X=X)
+    stop = controller.stop_plan(record._replace(decision=record.decision._replace(plan=plan)))
+    held, force = record.command.Fxf + record.command.Fxr, stop.Fxf + stop.Fxr
+    changes = np.abs([np.diff([record.command.delta, *stop.delta]), np.diff([held, *force])])
+    rates = limits.steer_rate_radps, limits.force_rate_nps
+    assert np.max(changes, axis=1) == pytest.approx(TICK_S * np.array(rates))
 
 
 def test_in_realtime_they_are_due_as_much_later_as_the_command_takes_effect(controller, world):
