@@ -97,6 +97,8 @@ class ActuatorState(NamedTuple):
     def acting(self, ramps: Sequence[SetpointRamp]) -> Sequence[SetpointRamp]:
         """Return ramps of what acts on the car: of an actuator with a fault where it is."""
         held = self.held
+        if not held:
+            return ramps
         return tuple(
             ramp._replace(begin=ramp.begin._replace(**held), end=ramp.end._replace(**held))
             for ramp in ramps

@@ -154,7 +154,7 @@ def propose(
         return quiet, None, []
     known = known._replace(kept=kept, postponed=())
     # the last stage is new: nothing was planned there
-    now = _least_gap(guess.X[:-1], scene, params)
+    now = float(np.min(ways.gaps(guess.X, scene, params)[:, :-1]))
     if now < known.gap - SURPRISE_M:
         known = known.wake()._replace(cost=np.inf)
     kept = known.kept
@@ -176,7 +176,7 @@ def propose(
         plan = None if name in waiting else guess()
         return [] if plan is None else [Candidate(name, plan)]
 
-    followed = ways.passed_sides(guess.X, scene, around.obstacles, params)
+    followed = ways.passed_sides(guess.X, scene, around.rows, params)
     beside: list[Candidate] = []
     for sides, shape in ways.side_combinations(around, x0, params):
         passed = {key: followed.get(key, BEHIND) for key in sides}
@@ -233,7 +233,7 @@ def judge(
             )
             gap = _least_gap(X, scene, params)
             outcome = outcome._replace(
-                sides=ways.passed_sides(X, scene, around.obstacles, params),
+                sides=ways.passed_sides(X, scene, around.rows, params),
                 least_gap=gap,
                 off_road=float(np.max(U[:, SLACK])),
                 contact_speed=ways.contact_speed(X, scene, params) if gap < 0 else 0.0,

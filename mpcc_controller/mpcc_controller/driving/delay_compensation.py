@@ -50,7 +50,8 @@ class SetpointRamp(NamedTuple):
         if stamp_ns >= self.end_ns:
             return self.end
         share = (stamp_ns - self.begin_ns) / (self.end_ns - self.begin_ns)
-        return Setpoints(*(a + (b - a) * share for a, b in zip(self.begin, self.end)))
+        (delta, Fx), (delta_end, Fx_end) = self.begin, self.end
+        return Setpoints(delta + (delta_end - delta) * share, Fx + (Fx_end - Fx) * share)
 
 
 def setpoints_at(ramps: Sequence[SetpointRamp], stamp_ns: int) -> tuple[Setpoints, float]:

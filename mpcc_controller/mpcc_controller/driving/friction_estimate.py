@@ -305,7 +305,8 @@ class FrictionEstimator:
             X = self._predict(X=X.ravel(), u=u, h=h)['X_next'].reshape(X.shape)
         predicted = X[:, VELOCITIES].T
         all_residuals = _turned(np.tile(measured[:, None], len(which)), error) - predicted
-        parts = np.split(all_residuals, (n, 2 * n, 2 * n + 3, 2 * n + 4), axis=1)
+        ends = (0, n, 2 * n, 2 * n + 3, 2 * n + 4, None)
+        parts = (all_residuals[:, begin:end] for begin, end in pairwise(ends))
         residuals, shifted, moved, raw, later = parts
         slopes = (shifted - residuals) / ERROR_STEP
         transition = (residuals[:, best, None] - moved) / VELOCITY_STEP

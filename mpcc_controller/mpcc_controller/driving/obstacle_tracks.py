@@ -60,7 +60,8 @@ def update(
     """
     R = np.diag([params.position_m**2, params.velocity_mps**2])
     start = np.diag([*np.diag(R), START_MPS2**2])
-    begun = {o.id: _measured(o) for o in seen}
+    measured = np.array([(o.X, o.Y, o.vX, o.vY) for o in seen]).reshape(-1, 2, 2)
+    begun = dict(zip((o.id for o in seen), measured))
     if not known or not 0.0 <= dt <= LONGEST_S:
         return {
             key: Track(np.vstack((z, np.zeros((1, 2)))), start, 0.0) for key, z in begun.items()
@@ -91,7 +92,3 @@ def update(
         if key not in tracks:
             tracks[key] = Track(np.vstack((z, np.zeros((1, 2)))), start, 0.0)
     return tracks
-
-
-def _measured(o: Obstacle) -> np.ndarray:
-    return np.array([[o.X, o.Y], [o.vX, o.vY]])

@@ -114,10 +114,9 @@ class TickReporter:
     def _plan_values(self, record: TickRecord) -> dict:
         attempt, params, model = record.attempt, self._parts.params, self._parts.model
         if attempt is None:
-            here = State(*(np.array([value]) for value in record.x0))
-            known = record.scene.obstacles
-            rows = stage_parameters.closest_discs(params, known, here)
-            near = [known.items[row] for row in rows]
+            known = record.scene.obstacles.items
+            rows = stage_parameters.closest_discs(params, known, np.array([record.x0]))
+            near = [known[row] for row in rows]
             return distances_now(record.x0, record.scene, near, params)
         parameters, scene = attempt.problem.parameters, attempt.problem.scene
         values = distances_now(attempt.problem.x0, scene, parameters.obstacles, params)

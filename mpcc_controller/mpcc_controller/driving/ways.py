@@ -17,7 +17,6 @@ from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import arc, frenet_frame, reference_path, road_edges
 from mpcc_controller.path.arc import Arc
 from mpcc_controller.problem import obstacle_motion, stage_parameters
-from mpcc_controller.problem.obstacle_motion import PredictedObstacle
 from mpcc_controller.problem.stage_parameters import Scene
 
 LEFT, RIGHT, BEHIND = 1, -1, 0  # BEHIND: not passed within the horizon
@@ -36,17 +35,13 @@ Sides = dict[int, int]  # by the id of the obstacle
 class Hazard(NamedTuple):
     """A dangerous obstacle beside the path, as a car that takes up the desired speed meets it."""
 
-    discs: tuple[PredictedObstacle, ...]  # those of it that are dangerous, of all hypotheses
+    id: int
+    touch: float  # m, between the path of a circle of the car and a disc that it touches
     enter: float  # s, from then on it is beside the car
     leave: float  # s, until then
-    lowest: float  # m, left of the path, the centres of its discs meanwhile
+    lowest: float  # m, left of the path, the centres of its dangerous discs meanwhile
     highest: float  # m
     path_side: int  # on which the path passes it with room for the car, BEHIND if it does not
-
-    @property
-    def id(self) -> int:
-        """The id of the obstacle."""
-        return self.discs[0].id
 
 
 class RoadAhead(NamedTuple):
@@ -59,11 +54,7 @@ class RoadAhead(NamedTuple):
     right: np.ndarray  # (N + 1,) m left of the path: how far right the road allows the CoG
     left: np.ndarray  # (N + 1,) m, how far left
     hazards: tuple[Hazard, ...]  # in the order in which the car meets them
-
-    @property
-    def obstacles(self) -> list[PredictedObstacle]:
-        """The dangerous discs, in the same order."""
-        return [disc for hazard in self.hazards for disc in hazard.discs]
+    rows: list[int]  # of their discs among the obstacles of the scene, in the same order
 
 
 def road_ahead(
@@ -87,20 +78,19 @@ def road_ahead(
     X, Y, _ = frenet_frame.offset_left(arcs, fade)
     straight = np.column_stack(State(X, Y, arcs.psi, vx, zeros, zeros, theta, zeros, zeros))
     limit = params.safety.obstacle_m + params.candidates.danger_m
-    gaps = np.min([least_gaps(X, scene, params) for X in (straight, *lines)], axis=0)
-    dangerous: dict[int, list[PredictedObstacle]] = {}
-    for o, gap in zip(scene.obstacles.items, gaps):
-        if gap < limit:
-            dangerous.setdefault(o.id, []).append(o)
+    least = np.min([least_gaps(X, scene, params) for X in (straight, *lines)], axis=0)
+    dangerous: dict[int, list[int]] = {}  # rows by id
+    for row in np.flatnonzero(least < limit).tolist():
+        dangerous.setdefault(scene.obstacles.items[row].id, []).append(row)
     if not dangerous:
         return None
     track = road_edges.track_beside(scene.road, arcs, params.surroundings.edge_window_m)
     centre = arc.contouring_error(arcs, track.centre.X, track.centre.Y)
     at_edges = params.body.edge_radius_m or params.body.circle_radius_m
     room = np.maximum(track.half_width - at_edges, 0)
-    met = (_hazard(discs, arcs, params) for discs in dangerous.values())
-    hazards = sorted(met, key=lambda h: h.enter)
-    return RoadAhead(straight, arcs, vx, v_ref, centre - room, centre + room, tuple(hazards))
+    hazards = _hazards(dangerous, scene, arcs, params)
+    rows = [row for hazard in hazards for row in dangerous[hazard.id]]
+    return RoadAhead(straight, arcs, vx, v_ref, centre - room, centre + room, hazards, rows)
 
 
 def lateral_motion(around: RoadAhead, x0: State) -> tuple[float, float]:
@@ -116,29 +106,34 @@ def travelled(vx: np.ndarray, dt: float) -> np.ndarray:
     return np.concatenate(([0], np.cumsum((vx[1:] + vx[:-1]) / 2 * dt)))
 
 
-def _hazard(discs, arcs, params) -> Hazard:
-    """Return where a car along the path, at the speeds of `arcs`, meets discs of an obstacle."""
-    dt = params.model.step_s
-    oX, oY, _ = obstacle_motion.stages(tuple(discs), len(arcs.X), dt)
+def _hazards(dangerous, scene, arcs, params) -> tuple[Hazard, ...]:
+    """Return where a car along the path, at the speeds of `arcs`, meets obstacles; by its order.
+
+    `dangerous` are the rows of discs in the scene, by the id of their obstacle.
+    """
+    items, dt, stages = scene.obstacles.items, params.model.step_s, np.arange(len(arcs.X))
+    rows = [row for discs in dangerous.values() for row in discs]
+    oX, oY = obstacle_motion.stages(items, len(stages), dt)[:2, rows]
     lags, offsets = np.abs(arc.lag_error(arcs, oX, oY)), arc.contouring_error(arcs, oX, oY)
-    touch = discs[0].r_obs + params.body.circle_radius_m
+    touch = np.array([[items[row].r_obs] for row in rows]) + params.body.circle_radius_m
     nose = max(map(abs, params.body.circle_offsets_m))
-    stretches, sides = [], []
-    for ahead, e in zip(lags, offsets):
-        # the stretch around the stage that is beside it: it may come beside the car again on a lap
-        closest = int(np.argmin(ahead))
-        beside = ahead < max(touch + nose, ahead[closest] + 1e-9)
-        first, final = closest, closest
-        while first > 0 and beside[first - 1]:
-            first -= 1
-        while final < len(beside) - 1 and beside[final + 1]:
-            final += 1
-        stretches.append((first, final))
-        sides += [float(np.min(e[first : final + 1])), float(np.max(e[first : final + 1]))]
-    enter, leave = min(first for first, _ in stretches), max(final for _, final in stretches)
-    lowest, highest = min(sides), max(sides)
-    side = LEFT if highest < -touch else RIGHT if lowest > touch else BEHIND
-    return Hazard(tuple(discs), dt * enter, dt * leave, lowest, highest, side)
+    # the stretch around the stage that is beside it: it may come beside the car again on a lap
+    closest = np.argmin(lags, axis=1)[:, None]
+    near = np.maximum(touch + nose, np.min(lags, axis=1)[:, None] + 1e-9)
+    apart = ~(lags < near)
+    first = np.max(np.where(apart & (stages < closest), stages + 1, 0), axis=1)
+    final = np.min(np.where(apart & (stages > closest), stages - 1, stages[-1]), axis=1)
+    beside = (first[:, None] <= stages) & (stages <= final[:, None])
+    lowest = np.min(np.where(beside, offsets, np.inf), axis=1).tolist()
+    highest = np.max(np.where(beside, offsets, -np.inf), axis=1).tolist()
+    enter, leave, touch = (dt * first).tolist(), (dt * final).tolist(), touch[:, 0].tolist()
+    hazards, begin = [], 0
+    for key, discs in dangerous.items():
+        own = slice(begin, begin := begin + len(discs))
+        low, high, near = min(lowest[own]), max(highest[own]), touch[own.start]
+        side = LEFT if high < -near else RIGHT if low > near else BEHIND
+        hazards.append(Hazard(key, near, min(enter[own]), max(leave[own]), low, high, side))
+    return tuple(sorted(hazards, key=lambda hazard: hazard.enter))
 
 
 class Slot(NamedTuple):
@@ -169,17 +164,18 @@ def side_combinations(
     first MOST_SIDES are left to the solver.
     """
     hazards, ways = around.hazards[:MOST_SIDES], []
-    for chosen in itertools.product((LEFT, RIGHT), repeat=len(hazards)):
+    start, beside = lateral_motion(around, x0), (LEFT, RIGHT)
+    choices = [[(s, _slot_beside(around, h, s, params)) for s in beside] for h in hazards]
+    for chosen in itertools.product(*choices):
         slots: list[Slot] = []
-        for hazard, side in zip(hazards, chosen):
-            slot = _slot_beside(around, hazard, side, params)
+        for _, slot in chosen:
             if slot is not None and slots and slot.enter < slots[-1].leave:
                 slots[-1], slot = _overlap(slots[-1], slot)
             if slot is None:
                 break
             slots.append(slot)
         else:
-            acceleration, t, (e, rate) = 0.0, 0.0, lateral_motion(around, x0)
+            acceleration, t, (e, rate) = 0.0, 0.0, start
             for slot in slots:
                 T = max(slot.enter - t, LEAST_TIME_S)
                 needed = QUINTIC_PEAK * abs(slot.offset - e - rate * T / 2) / T**2
@@ -187,7 +183,7 @@ def side_combinations(
                 t, e, rate = slot.leave, slot.offset, 0.0
             least_cost = max(slot.least_cost for slot in slots)
             shape = Profile(tuple(slots), acceleration, least_cost)
-            ways.append(({h.id: side for h, side in zip(hazards, chosen)}, shape))
+            ways.append(({h.id: side for h, (side, _) in zip(hazards, chosen)}, shape))
     return sorted(ways, key=lambda way: way[1].acceleration)
 
 
@@ -199,7 +195,7 @@ def _slot_beside(
     first, final = round(hazard.enter / dt), min(round(hazard.leave / dt), last)
     right = float(np.max(around.right[first : final + 1]))
     left = float(np.min(around.left[first : final + 1]))
-    touch = hazard.discs[0].r_obs + params.body.circle_radius_m
+    touch = hazard.touch
     if side == LEFT:
         right = max(right, hazard.highest + touch)
         wished = hazard.highest + touch + params.safety.obstacle_m
@@ -234,9 +230,14 @@ def _overlap(before: Slot, after: Slot) -> tuple[Slot, Slot | None]:
     return before, after
 
 
+def gaps(X: np.ndarray, scene: Scene, params: ControllerParams) -> np.ndarray:
+    """Return V2O [m] to each obstacle at each of the planned states (N + 1, 9): (n, N + 1)."""
+    return stage_parameters.closest_gaps(X, scene.obstacles.items, params)
+
+
 def least_gaps(X: np.ndarray, scene: Scene, params: ControllerParams) -> np.ndarray:
     """Return the least V2O [m] to each obstacle (n,) along planned states (N + 1, 9)."""
-    return np.min(_gaps(X, scene, params), axis=-1)
+    return np.min(gaps(X, scene, params), axis=-1)
 
 
 def contact_speed(X: np.ndarray, scene: Scene, params: ControllerParams) -> float:
@@ -247,7 +248,7 @@ def contact_speed(X: np.ndarray, scene: Scene, params: ControllerParams) -> floa
     """
     if not scene.obstacles.items:
         return 0.0
-    touches = _gaps(X, scene, params) < -OVERLAP_M
+    touches = gaps(X, scene, params) < -OVERLAP_M
     if not np.any(touches):
         return 0.0
     stage = int(np.argmax(np.any(touches, axis=0)))
@@ -259,29 +260,31 @@ def contact_speed(X: np.ndarray, scene: Scene, params: ControllerParams) -> floa
 
 
 def passed_sides(
-    X: np.ndarray, scene: Scene, obstacles: Sequence[PredictedObstacle], params: ControllerParams
+    X: np.ndarray, scene: Scene, rows: Sequence[int], params: ControllerParams
 ) -> Sides:
     """Return the side on which planned states (N + 1, 9) pass each obstacle, by its id.
 
-    It counts where the car is beside the obstacle along the path, both at the same time, and at the
-    end of the horizon no more behind its centre.
+    Of the obstacles of the scene those `rows`. It counts where the car is beside the obstacle along
+    the path, both at the same time, and at the end of the horizon no more behind its centre.
     """
-    if not obstacles:
+    if not len(rows):
         return {}
-    x = State(*X.T)
+    x, items = State(*X.T), scene.obstacles.items
     arcs, _ = reference_path.arcs_at(scene.path, x.theta)
-    oX, oY, _ = obstacle_motion.stages(tuple(obstacles), len(X), params.model.step_s)
+    oX, oY = obstacle_motion.stages(items, len(X), params.model.step_s)[:2, rows]
     cos_psi, sin_psi = np.cos(arcs.psi), np.sin(arcs.psi)
-    ahead = cos_psi * (oX - x.X) + sin_psi * (oY - x.Y)
-    aside = cos_psi * (oY - x.Y) - sin_psi * (oX - x.X)
+    dX, dY = oX - x.X, oY - x.Y
+    ahead = cos_psi * dX + sin_psi * dY
     stages = np.argmin(np.abs(ahead), axis=1)
-    sides = {}
-    for row, (obstacle, stage) in enumerate(zip(obstacles, stages)):
-        gap = ahead[row, stage]
+    at = np.arange(len(rows)), stages
+    asides = (cos_psi[stages] * dY[at] - sin_psi[stages] * dX[at]).tolist()
+    sides: Sides = {}
+    for row, stage, gap, aside in zip(rows, stages.tolist(), ahead[at].tolist(), asides):
+        obstacle = items[row]
         is_beside = abs(gap) < obstacle.r_obs + params.body.circle_radius_m
         # a plan that waits behind it and comes beside it at last has not passed it
         is_beside &= stage < len(X) - 1 or gap <= 0
-        side = LEFT if aside[row, stage] < 0 else RIGHT
+        side = LEFT if aside < 0 else RIGHT
         # of several discs that one which is passed, of the likeliest hypothesis
         sides[obstacle.id] = sides.get(obstacle.id, BEHIND) or (side if is_beside else BEHIND)
     return sides
@@ -301,9 +304,3 @@ def is_same_way(sides: Sides, other: Sides) -> bool:
     """Return whether every obstacle is passed on the same side, or by neither."""
     keys = sides.keys() | other.keys()
     return all(sides.get(key, BEHIND) == other.get(key, BEHIND) for key in keys)
-
-
-def _gaps(X, scene, params) -> np.ndarray:
-    """Return V2O [m] to each obstacle at each stage (n, N + 1)."""
-    table = obstacle_motion.stages(scene.obstacles.items, len(X), params.model.step_s)
-    return stage_parameters.closest_gaps(State(*X.T), table, params)

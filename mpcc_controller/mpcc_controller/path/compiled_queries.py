@@ -1,4 +1,4 @@
-"""The queries of path and road edges as machine code: queries.c, called from this folder."""
+"""The queries of path, road edges and lines as machine code: queries.c."""
 
 import ctypes
 from functools import cache
@@ -18,6 +18,7 @@ ARGUMENTS = {
     'path_project': (LONG, POINTER, DOUBLE, DOUBLE, DOUBLE, DOUBLE),
     'path_refine': (LONG, POINTER, LONG, POINTER, POINTER, POINTER, POINTER),
     'path_to_frenet': (LONG, POINTER, POINTER, LONG, POINTER, POINTER, DOUBLE, POINTER, POINTER),
+    'interpolate': (LONG, LONG, POINTER, LONG, POINTER, POINTER, POINTER),
     'edge_beside': (LONG, POINTER, POINTER, LONG, POINTER, POINTER, DOUBLE, POINTER),
 }  # fmt: skip
 
@@ -47,3 +48,14 @@ def make_discs(X: np.ndarray, Y: np.ndarray) -> np.ndarray:
 def row(values) -> np.ndarray:
     """Return numbers as a contiguous array of floats, of the same shape."""
     return np.asarray(values, float, order='C')
+
+
+def interpolate(x: np.ndarray, points: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return `numpy.interp` of every row: at x (r, k), of values (r, n) at ascending points."""
+    x, points, values = row(x), row(points), row(values)
+    out = np.empty_like(x)
+    library().interpolate(
+        *x.shape, x.ctypes.data, points.shape[1], points.ctypes.data, values.ctypes.data,
+        out.ctypes.data,
+    )  # fmt: skip
+    return out

@@ -1,5 +1,5 @@
-/* Queries of the path and of the road edges, in SI units; the Python functions named beside them
-   say what each returns.
+/* Queries of the path, of the road edges and of lines, in SI units; the Python functions named
+   beside them say what each returns.
 
    Arrays are rows of one matrix, so that a table of n points with the columns X, Y, ... is
    table[0 .. n-1] = X, table[n .. 2 n-1] = Y and so on.
@@ -9,6 +9,7 @@
 #include <math.h>
 
 enum { BLOCK = 16 };
+enum { NEAR = 16 };             /* of a guess: steps after which all are searched */
 enum { PROJECTION_STEPS = 3 }; /* of Newton; each squares the error, below 1 m at first */
 /* m of distance per m along the path, to choose between equally close points */
 static const double S_PENALTY = 1e-3;
@@ -86,13 +87,25 @@ static long count_up_to(const double *values, long n, double t, int below) {
   return low;
 }
 
+/* Return count_up_to(values, n, t, 0), which is likely near `guess`. */
+static long count_near(const double *values, long n, double t, long guess) {
+  for (int step = 0; step < NEAR && t == t; ++step)
+    if (guess < n && values[guess] <= t)
+      ++guess;
+    else if (guess > 0 && values[guess - 1] > t)
+      --guess;
+    else
+      return guess;
+  return count_up_to(values, n, t, 0);
+}
+
 typedef struct {
   double X, Y, psi, kappa, v;
 } Point;
 
-/* reference_path.arcs_at for one theta */
-static Point path_point(const Path *path, double theta) {
-  const long i = count_up_to(path->theta + 1, path->n - 1, theta, 0);
+/* reference_path.arcs_at for one theta; *arc: where the search begins, then its arc */
+static Point path_point(const Path *path, double theta, long *arc) {
+  const long i = *arc = count_near(path->theta + 1, path->n - 1, theta, *arc);
   const double d = theta - path->theta[i], half = path->kappa[i] * d / 2;
   const double chord = d * (1 - square(half) / 6), mean = path->psi[i] + half;
   return (Point){path->X[i] + chord * cos(mean), path->Y[i] + chord * sin(mean),
@@ -102,8 +115,9 @@ static Point path_point(const Path *path, double theta) {
 /* reference_path.arcs_at; out: rows X, Y, psi, kappa, v */
 void path_at(long n, const double *table, long k, const double *theta, double *out) {
   const Path path = path_of(n, table);
+  long arc = 0;
   for (long i = 0; i < k; ++i) {
-    const Point point = path_point(&path, theta[i]);
+    const Point point = path_point(&path, theta[i], &arc);
     out[i] = point.X, out[k + i] = point.Y, out[2 * k + i] = point.psi;
     out[3 * k + i] = point.kappa, out[4 * k + i] = point.v;
   }
@@ -147,7 +161,7 @@ double path_project(long n, const double *table, double X, double Y, double near
   const double share = best == first || best == last - 1 ? nearest.free : nearest.share;
   double theta = path.theta[best] + share * (path.theta[best + 1] - path.theta[best]);
   for (int step = 0; step < PROJECTION_STEPS; ++step) {
-    const Point pose = path_point(&path, theta);
+    const Point pose = path_point(&path, theta, &best);
     double ahead, left;
     to_local(&pose, X, Y, &ahead, &left);
     const double shrink = 1 - pose.kappa * left;
@@ -159,28 +173,33 @@ double path_project(long n, const double *table, double X, double Y, double near
 
 /* path coordinates --------------------------------------------------------------------------- */
 
-/* the nearer end of the chord closest to a point: the chord decides, not its ends */
-static double closest_node(const Path *path, const double *discs, double X, double Y, double near) {
+/* what a foot on a chord costs: its distance, and a little for being far from `near` */
+static double node_cost(const Path *path, long i, double X, double Y, double near, Foot *foot) {
+  const double *theta = path->theta + 1;
+  *foot = foot_on_chord(path->X + 1, path->Y + 1, i, X, Y);
+  const double here = theta[i] + foot->share * (theta[i + 1] - theta[i]);
+  return sqrt(foot->square) + S_PENALTY * fabs(here - near);
+}
+
+/* the nearer end of the chord closest to a point: the chord decides, not its ends; *chord: where
+   the search begins, then the closest one */
+static double closest_node(const Path *path, const double *discs, double X, double Y, double near,
+                           long *chord) {
   const long chords = path->n - 2, count = disc_count(chords); /* the first arc has no length */
-  const double *x = path->X + 1, *y = path->Y + 1, *theta = path->theta + 1;
-  double best_cost = INFINITY, result = theta[0];
-  for (int pass = 0; pass < 2; ++pass) { /* a bound from the discs first */
-    for (long b = 0; b < count; ++b) {
-      const long first = b * BLOCK, last = first + BLOCK < chords ? first + BLOCK : chords;
-      const double gap = length(discs[b] - X, discs[count + b] - Y), radius = discs[2 * count + b];
-      if (!pass) {
-        const double away = fmax(fabs(theta[first] - near), fabs(theta[last] - near));
-        best_cost = fmin(best_cost, gap + radius + S_PENALTY * away + ROUNDING);
-        continue;
-      }
-      const double away = fmax(fmax(theta[first] - near, near - theta[last]), 0);
-      if (gap - radius + S_PENALTY * away > best_cost + ROUNDING) continue;
-      for (long i = first; i < last; ++i) {
-        const Foot foot = foot_on_chord(x, y, i, X, Y);
-        const double here = theta[i] + foot.share * (theta[i + 1] - theta[i]);
-        const double cost = sqrt(foot.square) + S_PENALTY * fabs(here - near);
-        if (cost < best_cost) best_cost = cost, result = theta[i + (foot.free > 0.5)];
-      }
+  const double *theta = path->theta + 1;
+  Foot foot;
+  double best_cost = node_cost(path, *chord, X, Y, near, &foot) + ROUNDING;
+  double result = theta[*chord + (foot.free > 0.5)];
+  for (long b = 0; b < count; ++b) {
+    const long first = b * BLOCK, last = first + BLOCK < chords ? first + BLOCK : chords;
+    const double away = theta[first] > near  ? theta[first] - near
+                        : theta[last] < near ? near - theta[last]
+                                             : 0;
+    const double reach = best_cost + ROUNDING + discs[2 * count + b] - S_PENALTY * away;
+    if (reach < 0 || square(discs[b] - X) + square(discs[count + b] - Y) > square(reach)) continue;
+    for (long i = first; i < last; ++i) {
+      const double cost = node_cost(path, i, X, Y, near, &foot);
+      if (cost < best_cost) best_cost = cost, result = theta[i + (foot.free > 0.5)], *chord = i;
     }
   }
   return result;
@@ -190,18 +209,19 @@ static double closest_node(const Path *path, const double *discs, double X, doub
 void path_refine(long n, const double *table, long k, const double *X, const double *Y, double *s,
                  double *e) {
   const Path path = path_of(n, table);
+  long arc = 0;
   for (long i = 0; i < k; ++i) {
     double ahead, left;
     Point pose;
     for (int step = 0; step < PROJECTION_STEPS; ++step) {
-      pose = path_point(&path, s[i]);
+      pose = path_point(&path, s[i], &arc);
       to_local(&pose, X[i], Y[i], &ahead, &left);
       if (pose.kappa * left < 1) {
         const double shrink = 1 - pose.kappa * left, turn = pose.kappa * ahead / shrink;
         s[i] += ahead / shrink * (1 - square(turn) / 3 + square(square(turn)) / 5);
       }
     }
-    pose = path_point(&path, s[i]);
+    pose = path_point(&path, s[i], &arc);
     to_local(&pose, X[i], Y[i], &ahead, &left);
     e[i] = left;
   }
@@ -211,7 +231,8 @@ void path_refine(long n, const double *table, long k, const double *X, const dou
 void path_to_frenet(long n, const double *table, const double *discs, long k, const double *X,
                     const double *Y, double near, double *s, double *e) {
   const Path path = path_of(n, table);
-  for (long i = 0; i < k; ++i) s[i] = closest_node(&path, discs, X[i], Y[i], near);
+  long chord = 0;
+  for (long i = 0; i < k; ++i) s[i] = closest_node(&path, discs, X[i], Y[i], near, &chord);
   path_refine(n, table, k, X, Y, s, e);
 }
 
@@ -309,4 +330,20 @@ void edge_beside(long n, const double *table, const double *discs, long k, const
     out[i] = hX, out[k + i] = hY, out[2 * k + i] = atan2(aY - bY, aX - bX);
     out[3 * k + i] = lengths > 0 ? 2 * twice_area / lengths : 0;
   }
+}
+
+/* lines -------------------------------------------------------------------------------------- */
+
+/* compiled_queries.interpolate, row after row */
+void interpolate(long rows, long k, const double *x, long n, const double *points,
+                 const double *values, double *out) {
+  for (; rows--; x += k, points += n, values += n, out += k)
+    for (long i = 0, j = 0; i < k; ++i) {
+      while (j < n - 1 && points[j + 1] <= x[i]) ++j;
+      while (j > 0 && points[j] > x[i]) --j;
+      const double along = x[i] - points[j];
+      out[i] = values[j];
+      if (j < n - 1 && along > 0)
+        out[i] += (values[j + 1] - values[j]) / (points[j + 1] - points[j]) * along;
+    }
 }

@@ -85,7 +85,9 @@ class Formulation:
         frame, x = self.rules.frame, self.place(scene.path, State(*guess.T))
         arcs, v_ref = reference_path.arcs_at(scene.path, x.theta)
         window = self.params.surroundings.edge_window_m
-        slots, obstacles, places = stage_parameters.obstacle_slots(self.params, frame, scene, x)
+        slots, obstacles, places = stage_parameters.obstacle_slots(
+            self.params, frame, scene, x, guess
+        )
         values = values | {'edges': frame.road(scene.road, arcs, x, window), 'obstacles': slots}
         stages = self.stage(**values | self.own_parameters(scene, x, arcs, v_ref))
         return stage_parameters.to_matrix(stages, obstacles, places, len(guess), numbers)

@@ -4,14 +4,17 @@ At constant velocity, or along a course: positions at times. What is predicted o
 `driving.obstacle_prediction`.
 """
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import wraps
+from operator import is_
 from typing import Any, NamedTuple
 
 import numpy as np
 
 STEP_S = 0.01  # over which the velocity on a course is taken
+KEPT = 8  # results of `once`
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,9 +22,8 @@ class Course:
     """Where the centre of a disc will be, and by how much its radius grows meanwhile."""
 
     step_s: float  # between two points; the first one is now
-    X: np.ndarray  # (n,) m, map
-    Y: np.ndarray  # (n,) m, map
-    growth: np.ndarray  # (n,) m, may be negative
+    table: np.ndarray  # (3, k, n) m, of k discs: X and Y in the map, growth, may be negative
+    row: int  # of the disc in the table
 
 
 class PredictedObstacle(NamedTuple):
@@ -40,56 +42,76 @@ class PredictedObstacle(NamedTuple):
 
     def position(self, t: Any) -> tuple[Any, Any]:
         """Return X and Y [m] `t` [s] from now; past its end a course stays where it is."""
-        if self.course is None:
-            return self.X + self.vX * t, self.Y + self.vY * t
-        return self._at(t, self.course.X), self._at(t, self.course.Y)
+        X, Y, _ = places((self,), np.ravel(t))[:, 0].reshape(3, *np.shape(t))
+        return X, Y
 
     def velocity(self, t: float) -> tuple[float, float]:
         """Return vX and vY [m/s] `t` [s] from now."""
         if self.course is None:
             return self.vX, self.vY
-        here, later = self.position(t), self.position(t + STEP_S)
-        return tuple((b - a) / STEP_S for a, b in zip(here, later))
-
-    def radius(self, t: Any) -> Any:
-        """Return the radius [m] in the problem `t` [s] from now: it grows with the doubt."""
-        if self.course is None:
-            return self.r_obs
-        return np.maximum(self.r_obs + self._at(t, self.course.growth), 0.0)
-
-    def moved(self, t: float) -> 'PredictedObstacle':
-        """Return the obstacle as it will be `t` [s] from now."""
-        (X, Y), (vX, vY) = self.position(t), self.velocity(t)
-        return self._replace(X=X, Y=Y, vX=vX, vY=vY, since=self.since + t if self.course else 0.0)
-
-    def _at(self, t, values):
-        number = (self.since + t) / self.course.step_s
-        return np.interp(number, np.arange(len(values)), values)
+        X, Y, _ = places((self,), np.array([t, t + STEP_S]))[:, 0].tolist()
+        return (X[1] - X[0]) / STEP_S, (Y[1] - Y[0]) / STEP_S
 
 
-@lru_cache(maxsize=16)
-def stages(obstacles: Sequence[PredictedObstacle], count: int, dt: float):
-    """Return X, Y and radius (n, count) [m] of obstacles at the stages, not to be changed.
+def places(obstacles: Sequence[PredictedObstacle], t: np.ndarray) -> np.ndarray:
+    """Return X, Y and radius in the problem (3, n, k) [m] of obstacles at times (k,) [s] from now.
 
-    A tick asks for those of the same obstacles ten times and more.
+    The radius grows with the doubt. Past its end a course stays where it is.
     """
-    t = dt * np.arange(count)
-    table = np.empty((3, len(obstacles), count))
-    by_form: dict[tuple[float, int], list[int]] = {}
+    now = np.array([o[1:6] for o in obstacles], float).reshape(-1, 5)
+    X, Y, r_obs, vX, vY = now.T[:, :, None]
+    table = np.array((X + vX * t, Y + vY * t, np.repeat(r_obs, len(t), axis=1)))
+    alike: dict[tuple[int, float], list[int]] = {}  # rows of one table at one time
     for row, o in enumerate(obstacles):
-        if o.course is None:
-            table[:2, row], table[2, row] = o.position(t), o.r_obs
-        else:
-            by_form.setdefault((o.course.step_s, len(o.course.X)), []).append(row)
-    for (step_s, points), rows in by_form.items():  # all at once: `position` and `radius`
+        if o.course is not None:
+            alike.setdefault((id(o.course.table), o.since), []).append(row)
+    for (_, since), rows in alike.items():
         courses = [obstacles[row].course for row in rows]
-        values = np.array([[c.X, c.Y, c.growth] for c in courses]).transpose(1, 0, 2)
-        since = np.array([[obstacles[row].since] for row in rows])
-        number = np.clip((since + t) / step_s, 0.0, points - 1)
-        before = np.minimum(number.astype(int), points - 2)
-        below, above = (np.take_along_axis(values, (before + k)[None], 2) for k in (0, 1))
+        values = courses[0].table[:, [course.row for course in courses]]
+        number = np.clip((since + t) / courses[0].step_s, 0.0, values.shape[2] - 1)
+        before = np.minimum(number.astype(int), values.shape[2] - 2)
+        below, above = values[:, :, before], values[:, :, before + 1]
         table[:, rows] = below + (number - before) * (above - below)
-        table[2, rows] += [[obstacles[row].r_obs] for row in rows]
+        table[2, rows] += r_obs[rows]
     np.maximum(table[2], 0.0, out=table[2])
+    return table
+
+
+def moved(obstacles: Sequence[PredictedObstacle], t: float) -> tuple[PredictedObstacle, ...]:
+    """Return obstacles as they will be `t` [s] from now."""
+    X, Y, _ = places(obstacles, np.array([t, t + STEP_S])).tolist()
+    return tuple(
+        o._replace(X=x, Y=y)
+        if o.course is None
+        else o._replace(
+            X=x, Y=y, vX=(x_later - x) / STEP_S, vY=(y_later - y) / STEP_S, since=o.since + t
+        )
+        for o, (x, x_later), (y, y_later) in zip(obstacles, X, Y)
+    )
+
+
+def once(function: Callable) -> Callable:
+    """Return the function with its last results kept, by the identity of its arguments.
+
+    A tick asks for the same ones ten times and more. Nobody may change arguments or results.
+    """
+    kept: deque = deque(maxlen=KEPT)  # arguments and result, the newest first
+
+    @wraps(function)
+    def asked(*arguments):
+        for known, result in tuple(kept):
+            if all(map(is_, known, arguments)):
+                return result
+        result = function(*arguments)
+        kept.appendleft((arguments, result))
+        return result
+
+    return asked
+
+
+@once
+def stages(obstacles: Sequence[PredictedObstacle], count: int, dt: float) -> np.ndarray:
+    """Return X, Y and radius (3, n, count) [m] of obstacles at the stages, not to be changed."""
+    table = places(obstacles, dt * np.arange(count))
     table.flags.writeable = False
     return table

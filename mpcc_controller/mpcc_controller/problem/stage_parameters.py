@@ -104,47 +104,54 @@ def constant_numbers(stages) -> np.ndarray:
     return np.array([value if np.ndim(value) == 0 else value[0] for value in numbers], float)
 
 
-def obstacle_slots(params: ControllerParams, frame: DistanceFrame, scene: Scene, x: State):
+def obstacle_slots(
+    params: ControllerParams, frame: DistanceFrame, scene: Scene, x: State, guess: np.ndarray
+):
     """Return the discs along the planned states `x` in a frame, which they are, and their places.
 
-    Where there are more of them than slots and obstacles are tracked, the closest ones of each
-    stage count, else those that come closest at any stage. Unused slots are filled with an obstacle
-    far away.
+    `guess` are those states as an array (N + 1, 9). Where there are more discs than slots and
+    obstacles are tracked, the closest ones of each stage count, else those that come closest at any
+    stage. Unused slots are filled with an obstacle far away.
     """
-    items, most, count = scene.obstacles.items, params.surroundings.max_obstacles, len(x.X)
+    items, most, count = scene.obstacles.items, params.surroundings.max_obstacles, len(guess)
     table = obstacle_motion.stages(items, count, params.model.step_s)
     if len(items) > most and params.tracker.position_m is not None:
-        chosen, gaps = items, closest_gaps(x, table, params)
+        chosen, gaps = items, closest_gaps(guess, items, params)
         places = np.sort(np.argpartition(gaps, most - 1, axis=0)[:most], axis=0)
-        discs = [Disc(*np.take_along_axis(table, row[None, None], 1)[:, 0]) for row in places]
     else:
-        rows = closest_discs(params, scene.obstacles, x)
+        rows = closest_discs(params, items, guess)
         chosen = tuple(items[row] for row in rows)
-        places = np.repeat(np.arange(len(rows))[:, None], count, axis=1)
-        discs = [Disc(*table[:, row]) for row in rows]
-    slots = tuple(frame.obstacle(scene.path, disc, x) for disc in discs)
+        table, places = table[:, rows], np.repeat(np.arange(len(rows))[:, None], count, axis=1)
+    discs = table[:, places, np.arange(count)].transpose(1, 0, 2)
+    slots = tuple(frame.obstacle(scene.path, Disc(*disc), x) for disc in discs)
     return slots + (frame.empty_slot(x),) * (most - len(slots)), chosen, places
 
 
-def closest_discs(params: ControllerParams, obstacles: Obstacles, x: State) -> list[int]:
-    """Return which discs the states `x` of the stages come closest to, ordered by id."""
-    items, count = obstacles.items, params.surroundings.max_obstacles
-    rows = range(len(items))
+def closest_discs(
+    params: ControllerParams, items: Sequence[PredictedObstacle], X: np.ndarray
+) -> list[int]:
+    """Return which discs the states (k, 9) of the stages come closest to, ordered by id."""
+    count, rows = params.surroundings.max_obstacles, range(len(items))
     if len(items) > count:
-        table = obstacle_motion.stages(items, len(x.X), params.model.step_s)
-        gaps = np.min(closest_gaps(x, table, params), axis=1)
+        gaps = np.min(closest_gaps(X, items, params), axis=1)
         rows = np.argsort(gaps, kind='stable')[:count].tolist()
     return sorted(rows, key=lambda row: items[row].id)
 
 
-def closest_gaps(x: State, table: np.ndarray, params: ControllerParams) -> np.ndarray:
-    """Return V2O [m] (n, k) of planned states to the discs of `obstacle_motion.stages`."""
-    oX, oY, radius = table
+@obstacle_motion.once
+def closest_gaps(
+    X: np.ndarray, items: Sequence[PredictedObstacle], params: ControllerParams
+) -> np.ndarray:
+    """Return V2O [m] (n, k) of planned states (k, 9) to discs, not to be changed."""
+    oX, oY, radius = obstacle_motion.stages(items, len(X), params.model.step_s)
+    x = State(*X.T)
+    to_X, to_Y, square = oX - x.X, oY - x.Y, np.full(oX.shape, np.inf)
     cos_psi, sin_psi = np.cos(x.psi), np.sin(x.psi)
-    square = np.inf
     for offset in params.body.circle_offsets_m:
-        dX, dY = oX - x.X - offset * cos_psi, oY - x.Y - offset * sin_psi
-        square = np.minimum(square, dX**2 + dY**2)
+        dX, dY = to_X - offset * cos_psi, to_Y - offset * sin_psi
+        dX *= dX
+        dX += np.square(dY, out=dY)
+        np.minimum(square, dX, out=square)
     return np.sqrt(square) - radius - params.body.circle_radius_m
 
 

@@ -5,6 +5,7 @@ who drives ahead, and one who comes in another lane than that of the path. So th
 distance from who is ahead, and leaves its lane for an obstacle in it while there is time to return.
 """
 
+import math
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import frenet_frame
+from mpcc_controller.problem import obstacle_motion
 from mpcc_controller.problem.cost_terms import STRIP_BLEND_M
 from mpcc_controller.problem.stage_parameters import Scene
 
@@ -38,7 +40,8 @@ def leads(scene: Scene, x, params: ControllerParams) -> tuple[Lead, ...]:
     """
     count = len(x.X)
     nobody = Lead(np.full(count, FAR_M), np.zeros(count), np.zeros(count))
-    moving = [o for o in scene.obstacles.items if np.hypot(o.vX, o.vY) > MOVING_MPS]
+    items = scene.obstacles.items
+    moving = [row for row, o in enumerate(items) if math.hypot(o.vX, o.vY) > MOVING_MPS]
     if params.tolerances.time_gap_lack_m is None or not moving:
         return (nobody,) * len(STRIPS)
     gap_s, body = params.envelope.time_gap_s or 1.0, params.body
@@ -47,10 +50,10 @@ def leads(scene: Scene, x, params: ControllerParams) -> tuple[Lead, ...]:
     # projected at some stages only, linear between them
     knots, shares = _interpolation(count)
     dt = params.model.step_s
-    X, Y = np.array([o.position(dt * knots) for o in moving]).transpose(1, 0, 2)
+    X, Y = obstacle_motion.stages(items, count, dt)[:2, moving][:, :, knots]
     at = frenet_frame.to_frenet(scene.path, X.ravel(), Y.ravel(), float(np.mean(x.theta)))
     s, e = (part.reshape(X.shape) @ shares for part in at)
-    r_obs = np.array([[o.r_obs] for o in moving])
+    r_obs = np.array([[items[row].r_obs] for row in moving])
     speed, rear, touch = np.gradient(s, dt, axis=1), s - r_obs - nose, r_obs + half
     comes, beside, wide = speed < -MOVING_MPS, np.abs(e) > touch, touch + STRIP_BLEND_M
     ahead = (rear > x.theta) & (comes | (speed > MOVING_MPS))

@@ -14,7 +14,7 @@ from mpcc_controller.driving.obstacle_prediction import OnRoad, Tracks
 from mpcc_controller.driving.records import unknown_state
 from mpcc_controller.parameters import Tracker
 from mpcc_controller.path import reference_path, road_edges
-from mpcc_controller.problem.obstacle_motion import PredictedObstacle
+from mpcc_controller.problem.obstacle_motion import PredictedObstacle, moved, places
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.types import Branch, Obstacle, Obstacles, Reference, RoadEdges
 
@@ -62,6 +62,11 @@ def moving(ticks, deviations=(0.0, 0.0), braking=0.0, first=0, seed=0):
         yield CAR._replace(X=place[0], Y=place[1], vX=12 * share + dvX, vY=-5 * share + dvY)
 
 
+def radius(o, t):
+    """Return the radius of an obstacle in the problem `t` [s] from now."""
+    return places((o,), np.array([t]))[2, 0, 0]
+
+
 def test_without_a_tracker_obstacles_are_used_as_they_are_received(params):
     truck = CONE._replace(others=((2.0, 0.5),), vX=3.0)
     seen = Observer(params, params.tracker).see(Obstacles(1, (CAR, truck)))
@@ -70,7 +75,7 @@ def test_without_a_tracker_obstacles_are_used_as_they_are_received(params):
     assert seen == tuple(PredictedObstacle(*o) for o in (CAR, disc, disc._replace(X=32.0, Y=1.5)))
     X, Y = seen[0].position(np.array([0.0, 0.5, 2.0]))
     assert (X.tolist(), Y.tolist()) == ([10.0, 16.0, 34.0], [-2.0, -4.5, -12.0])
-    assert seen[0].moved(0.5) == seen[0]._replace(X=16.0, Y=-4.5)
+    assert moved(seen[:1], 0.5) == (seen[0]._replace(X=16.0, Y=-4.5),)
 
 
 # the filter
@@ -192,6 +197,23 @@ def test_ids_that_two_obstacles_exchange_drag_neither_along(params):
         assert known[o.id][1:6] == pytest.approx(o[1:6])
 
 
+def test_obstacles_are_predicted_together_as_each_is_alone(params):
+    """One that turns, one that brakes, one that stands, and a truck."""
+    times = TICK_S * np.arange(20)
+    turning = [
+        Obstacle(1, 20 * np.sin(a), -20 * np.cos(a), 1.0, 8 * np.cos(a), 8 * np.sin(a), ((-3, 1),))
+        for a in 0.4 * times
+    ]
+    truck = [Obstacle(5, 90.0 - 4 * t, 2.0, 1.0, -4.0, 0.0, ((2.0, 0.5),)) for t in times]
+    each = [*zip(turning, moving(20, braking=5.0, first=-10), [CONE] * 20, truck)]
+    together = Observer(params).see(*(Obstacles(1 + TICK_NS * k, o) for k, o in enumerate(each)))
+    alone = [d for seen in zip(*each) for d in Observer(params).see(*messages(*seen))]
+    assert [(d.id, d.probability) for d in together] == [(d.id, d.probability) for d in alone]
+    assert places(together, T) == pytest.approx(places(alone, T), abs=1e-9)
+    for disc, table in zip(together, places(together, T).transpose(1, 0, 2)):
+        assert np.array(disc.position(T)) == pytest.approx(table[:2])
+
+
 # hypotheses
 
 
@@ -209,7 +231,7 @@ def test_hypotheses_have_probabilities_that_come_to_one(motion, deviation, on_ro
     mean = np.array(motion).reshape(3, 2)
     track = obstacle_tracks.Track(mean, deviation**2 * np.eye(3), 0.0)
     place = OnRoad(1.0, 0.1, 0.02, np.zeros(1), np.zeros(1)) if on_road else None
-    found = obstacle_prediction._hypotheses(track, place)
+    found = obstacle_prediction._hypotheses(track, motion[4:], place)
     assert sum(h.probability for h in found) == pytest.approx(1.0)
     assert all(h.probability >= 0 and h.braking >= 0 for h in found)
 
@@ -353,10 +375,10 @@ def test_an_obstacle_is_beyond_its_disc_with_the_given_probability_at_most(param
             at = 19 * TICK_S + t
             X, Y = found.position(t)
             aside = (5 * (CAR.X + 12 * at - X) + 12 * (CAR.Y - 5 * at - Y)) / 13
-            beyond.append(aside > found.radius(t) - CAR.r_obs)
+            beyond.append(aside > radius(found, t) - CAR.r_obs)
     assert np.mean(beyond) < NOISY.contact
     well, *_ = Observer(params).see(*messages(*moving(20)))
-    assert 0.0 < well.radius(2.5) - well.r_obs < 0.2
+    assert 0.0 < radius(well, 2.5) - well.r_obs < 0.2
 
 
 # predictions from outside
@@ -378,7 +400,7 @@ def test_predictions_from_outside_take_the_place_of_the_hypotheses(params):
     # after its end it goes on as at last
     assert (pytest.approx([15.0, 30.0, 35.0]), pytest.approx([3.0, 18.0, 23.0])) == (X, Y)
     # 1 - 0.1 / 0.75 of a normal distribution
-    assert discs[0].radius(1.0) - CAR.r_obs == pytest.approx(0.2 * 1.1108, abs=1e-3)
+    assert radius(discs[0], 1.0) - CAR.r_obs == pytest.approx(0.2 * 1.1108, abs=1e-3)
     # the second disc turns with the direction of the path, which does not change
     assert discs[1].position(1.0) == pytest.approx((16.0, 8.0))
     # 1.2 s later they are too old
@@ -399,5 +421,5 @@ def test_the_velocity_is_the_derivative_of_the_position(params):
     for t in (0.3, 1.1, 2.2):
         rate = (np.array(found.position(t + 0.01)) - found.position(t)) / 0.01
         assert found.velocity(t) == pytest.approx(rate, abs=0.3)
-        later = np.array(found.moved(t).position(0.2))
+        later = np.array(moved((found,), t)[0].position(0.2))
         assert later == pytest.approx(np.array(found.position(t + 0.2)), abs=1e-9)

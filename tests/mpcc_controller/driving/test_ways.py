@@ -83,7 +83,7 @@ def test_an_object_of_several_discs_is_passed_on_one_side_as_far_as_it_reaches(r
     sides = [sides for sides, _ in ways.side_combinations(around, start(), params)]
     assert sides == [{4: LEFT}, {4: RIGHT}]
     line = straight_line(50.0, 20.0, Y=3.0)
-    assert ways.passed_sides(line, scene, scene.obstacles.items, params) == {4: LEFT}
+    assert ways.passed_sides(line, scene, range(3), params) == {4: LEFT}
 
 
 @quick
@@ -100,7 +100,7 @@ def test_a_guess_passes_the_obstacle_on_its_side_on_the_road_and_a_mirrored_road
         scene, x0, lines = road(standing(1, v * seconds + 3, Y, r_obs), v=v), start(v), {}
         for sides, shape, guess in all_guesses(scene, x0, car, params):
             assert tuple(guess.X[0]) == x0
-            assert ways.passed_sides(guess.X, scene, scene.obstacles.items, params) == sides
+            assert ways.passed_sides(guess.X, scene, [0], params) == sides
             assert np.all(np.abs(guess.X[:, 1]) <= 6.0 - R_VEH + 1e-9)
             # a quintic that begins at once: what it does not reach, no guess of this form reaches
             if shape.acceleration < GRAVITY:
@@ -292,7 +292,7 @@ def test_without_a_plan_the_guess_blends_from_the_car_to_the_path(world, car):
 )
 def test_on_which_side_a_plan_passes(road, params, obstacle, end, side):
     plan = straight_line(end)
-    assert ways.passed_sides(plan, road(obstacle), (obstacle,), params) == {1: side}
+    assert ways.passed_sides(plan, road(obstacle), [0], params) == {1: side}
 
 
 def test_sides_are_named_and_opposed_where_one_obstacle_is_passed_on_both():

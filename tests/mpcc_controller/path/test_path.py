@@ -5,7 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller.path import arc, frenet_frame, reference_path, road_edges
+from mpcc_controller.path import (
+    arc,
+    compiled_queries,
+    frenet_frame,
+    reference_path,
+    road_edges,
+)
 from mpcc_controller.path.arc import Arc
 from mpcc_controller.path.distance import Disc
 from mpcc_controller.path.frenet_frame import FrenetPoint
@@ -158,6 +164,21 @@ def test_path_coordinates_of_a_point_and_back_are_the_identity_also_beyond_both_
         if abs(e) < 0.5:  # elsewhere another part of a winding path may be closer
             point = frenet_frame.to_frenet(path, X[k : k + 1], Y[k : k + 1], near)
             assert (point.s[0], point.e[0]) == pytest.approx((s[k], e), abs=allowed[k])
+    # of many points at once each has the same
+    point = frenet_frame.to_frenet(path, X, Y, s[0])
+    alone = [frenet_frame.to_frenet(path, X[[k]], Y[[k]], s[0]) for k in range(len(X))]
+    assert np.array_equal(np.transpose(point), np.reshape(alone, (-1, 2)))
+
+
+@quick
+@given(seeds)
+def test_rows_are_interpolated_as_by_numpy(seed):
+    rng = np.random.default_rng(seed)
+    points = np.cumsum(rng.uniform(0.0, 1.0, (3, 8)), axis=1)
+    values, x = rng.standard_normal((3, 8)), rng.uniform(-1.0, 6.0, (3, 20))
+    x[:, :8] = points
+    found = compiled_queries.interpolate(x, points, values)
+    assert np.array_equal(found, [np.interp(*row) for row in zip(x, points, values)])
 
 
 @quick

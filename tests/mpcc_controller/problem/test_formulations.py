@@ -166,7 +166,7 @@ def test_of_many_obstacles_those_nearest_to_the_plan_count_and_empty_slots_cost_
 
 T = DT * np.arange(N + 1)
 # it turns to the left, and what is known of it fades
-TURNING = Course(DT, 60.0 + 3.0 * T, 0.5 * T**2, 0.4 * T)
+TURNING = Course(DT, np.array([[60.0 + 3.0 * T], [0.5 * T**2], [0.4 * T]]), 0)
 
 
 @both
