@@ -269,17 +269,18 @@ def test_a_warm_up_leaves_no_state_behind_except_the_latency_estimate(realtime, 
 
 
 def test_after_the_warm_up_the_commands_are_those_of_a_controller_that_did_not_warm_up(world):
-    """Set-points, friction and obstacles are as before; all solvers of candidates have worked."""
-    settings = world.load(candidates__most=4, **world.ESTIMATE)
+    """Set-points, friction and obstacles are as before; all solvers have worked."""
+    settings = world.load(candidates__most=4, fallback__recovery=True, **world.ESTIMATE)
     warm, cold = (
         world.set_inputs(Controller(*settings), world.lane_change(18.0)) for _ in range(2)
     )
     solvers = [world.ModifiedSolver(solver) for solver in warm.parts.solvers.parallel.solvers]
     warm.parts.solvers.parallel.solvers = solvers
+    warm.parts.solvers.sliding = sliding = world.ModifiedSolver(warm.parts.solvers.sliding)
     before = warm.scene
     records = list(warm.warm_up(world.rolling(v=18.0, X=20.0), 12))
     assert sum(record.attempt.choice is not None for record in records) >= 3
-    assert all(solver.solutions for solver in solvers)
+    assert all(solver.solutions for solver in (*solvers, sliding))
     assert all(record.attempt.choice is None for record in records[-5:])
     assert (warm.memory.last, warm.memory.ramps) == (cold.memory.last, cold.memory.ramps)
     assert warm.scene is before
