@@ -13,5 +13,5 @@ problem           the optimal control problems: formulations, cost terms, constr
 path              the coarse path, road edges, distances, path coordinates
 model             the prediction model: nonlinear single track with Fiala tyres
 
-Start reading at `driving.controller.Controller.step`.
+Start reading at `driving.tick.tick`.
 """

@@ -372,7 +372,7 @@ class ControllerNode(ManagedNode):
 def main(config: str = MPCC_CONFIG) -> None:
     """Run a controller node until it is stopped; exit with its code."""
     about = f'Answer every state of the car with a command; defaults from config/{config}.'
-    example = '--ros-args -p mode:=realtime -p weights.lag:=10.0'
+    example = '--ros-args -p mode:=realtime -p tolerances.lag_m:=0.3'
     sys.exit(spin_node.run(lambda: ControllerNode(config), about, example))
 
 

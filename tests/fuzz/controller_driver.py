@@ -11,8 +11,8 @@ import node_bench
 from node_bench import NodeBench
 
 from mpcc_controller.driving import fallback
-from msgs_yaml import conformance, decode
-from msgs_yaml.types import Command
+from msgs_yaml import conformance, decode, encode
+from msgs_yaml.types import Actuators, Command
 from stage_solver.solution import SOLVED, STOPPED_EARLY
 
 # outcomes of a tick
@@ -21,6 +21,7 @@ OUTCOMES = {
     **dict.fromkeys((SOLVED, STOPPED_EARLY), SOLVE),
     **dict.fromkeys((fallback.SHIFTED, fallback.RECOVERY, fallback.BRAKING), FALLBACK),
 }
+ACTUATORS = '/vehicle/actuators'
 LATE_NS = 10**15  # in lockstep: time goes back at each restart
 BACK_NS = 10 * node_bench.TICK_NS
 SILENCE_NS = 300_000_000  # without a state: beyond every limit of its age
@@ -105,7 +106,14 @@ class Driver:
         """Send every input of the present tick except `but`; the state is the last one."""
         for topic, message in node_bench.valid_messages(self.stamp_ns).items():
             if topic not in but:
-                self.send(topic, message)
+                self.send(topic, self.actuators() if topic == ACTUATORS else message)
+
+    def actuators(self):
+        """Return a valid message of actuators that do what they were asked for."""
+        if self.last is None:
+            return node_bench.valid_messages(self.stamp_ns)[ACTUATORS]
+        _, delta, _, Fxf, Fxr = self.last
+        return encode.actuators(Actuators(self.stamp_ns, delta, 0.0, Fxf, Fxr, (0.0,) * 4))
 
     def look(self) -> Answer:
         """Run the node's periodic check; return the last answer since the previous call.

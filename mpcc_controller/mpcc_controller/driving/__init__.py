@@ -19,7 +19,7 @@ braking              braking along the last plan or the path, without optimisati
 last_resort          after an internal error: counted; braking that shares nothing with the tick
 stop_plan            set-points that stop the car when no command follows
 actuator_monitor     compares measured actuators with set-points; what is planned with a fault
-delay_estimate       how late set-points arrive, from where the actuators were
+late_setpoints       how late set-points arrive, from where the actuators were
 setpoints            set-points of the actuators, and commands
 friction_estimate    friction of the road from the motion of the car
 obstacle_prediction  obstacles from messages to predictions: hypotheses by likelihood

@@ -4,7 +4,7 @@ However an actuator lags, without overshoot it is between the least and the grea
 the last while. One that is beyond these for longer does not do what is asked of it: it sticks, is
 weaker, or somebody else moves it. Plans then begin where it is.
 
-Set-points that all arrive late are another fault (`delay_estimate`). Plans then begin when they
+Set-points that all arrive late are another fault (`late_setpoints`). Plans then begin when they
 arrive.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from mpcc_controller.driving import setpoints
 from mpcc_controller.driving.delay_compensation import SetpointRamp, setpoints_at
-from mpcc_controller.driving.delay_estimate import DelayEstimate, DelayEstimator
+from mpcc_controller.driving.late_setpoints import DelayEstimate, DelayEstimator
 from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car

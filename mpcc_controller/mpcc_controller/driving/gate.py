@@ -36,9 +36,9 @@ class Gate(NamedTuple):
         """Return the command, or if it is rejected the last one held.
 
         `age_s` is the age of the state that the command answers; a state from the future, by a
-        tick or more, means that clocks disagree. `believed` is the car on the friction that is
-        believed now. The held command keeps the steering set-point and the brakes; it releases a
-        driving force at its rate limit.
+        tick or more, means that clocks disagree. `believed` is the car on the friction that
+        braking may use now, 1.15 times the believed one. The held command keeps the steering
+        set-point and the brakes; it releases a driving force at its rate limit.
         """
         checks = {
             'not_finite': not all(math.isfinite(value) for value in command),

@@ -98,7 +98,7 @@ class Likely(NamedTuple):
 
 
 def observe(
-    known: Tracks, scene: Scene, true_state: VehicleState, seen_ns: int, params: ControllerParams
+    known: Tracks, scene: Scene, received: VehicleState, seen_ns: int, params: ControllerParams
 ) -> Tracks:
     """Return what is known after the obstacles of the scene were seen at an instant.
 
@@ -108,7 +108,7 @@ def observe(
     """
     if scene.obstacles is None:
         return known._replace(obstacles=None)
-    seen = measured_obstacles(scene.obstacles, true_state, seen_ns, params.measurement_errors)
+    seen = measured_obstacles(scene.obstacles, received, seen_ns, params.measurement_errors)
     if params.tracker.position_m is None:
         discs = tuple(PredictedObstacle(*disc) for o in seen.items for disc in o.discs())
         return Tracks(obstacles=seen._replace(items=discs))
@@ -117,7 +117,7 @@ def observe(
     stamp_ns = seen.stamp_ns
     dt = ns_to_s(stamp_ns - known.message.stamp_ns) if known.message else 0.0
     tracks = obstacle_tracks.update(known.by_id, seen.items, dt, params.tracker)
-    predicted = _predict(tracks, scene._replace(obstacles=seen), true_state, params)
+    predicted = _predict(tracks, scene._replace(obstacles=seen), received, params)
     last = {k: s for k, s in known.seen.items() if k in tracks}
     last |= {k: Seen(stamp_ns, discs) for k, discs in predicted.items()}
     items: list[PredictedObstacle] = []

@@ -48,7 +48,7 @@ def plan(
         candidacy, around, proposed = choose.propose(candidacy, x0, scene, guess, car, model)
         others = _build(x0, scene, proposed, car, began, parts)
     prepare_s = parts.clock() - began
-    # what the paper's controller does not do is paid for by the solvers
+    # where plans are compared the time limit of the solvers counts building their problems, too
     solving = began if parts.compares or from_law else began + prepare_s
     first_guess = problem.guess_local
     if memory.prepared is not None and guess.multipliers is not None:

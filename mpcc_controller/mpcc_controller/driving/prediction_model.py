@@ -86,7 +86,7 @@ class PredictionModel:
         return self._step(x=x, u=u, car=car)['x_next'].copy()
 
     def shift_to(self, plan: Plan, x0: State, car: Car) -> Plan:
-        """Return a plan one tick later, starting at the measured state `x0`."""
+        """Return a plan one tick later, starting at the predicted state `x0`."""
         return guesses.start_at(shift(plan, self.step, np.array(car)), x0)
 
     def build_problem(

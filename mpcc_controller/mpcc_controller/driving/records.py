@@ -27,7 +27,8 @@ class TickInputs(NamedTuple):
 
     state: VehicleState
     age_s: float = 0.0  # of the state when the step begins; 0 in lockstep
-    fault: str = ''  # of the watchdog: no plan is computed, the car brakes; `state_stale`: blindly
+    # of the watchdog: no plan is computed, the car brakes; `state_stale`: after the last plan ended
+    fault: str = ''
     # when the state was received, wall time; None: not known. Bags know when it was sent
     received_ns: int | None = None
     wait_s: float = 0.0  # from then to the beginning of the step

@@ -195,8 +195,8 @@ def _sense(
 
     That is the estimated state, and the world that is predicted.
     """
-    params, truth = parts.params, inputs.state
-    measured = measurement_errors.measured_state(truth, params.measurement_errors)
+    params, received = parts.params, inputs.state
+    measured = measurement_errors.measured_state(received, params.measurement_errors)
     stamp_ns, effective_ns = measured.stamp_ns, inputs.effective_ns
     # actuators, and the ramps that act
     actuators = parts.actuators.update(memory.actuators, inputs.actuators, memory.ramps, stamp_ns)
@@ -219,7 +219,7 @@ def _sense(
         belief = parts.friction.belief(friction)
         memory = replace(memory, friction=friction, believed=belief.friction)
         measured = parts.friction.filtered(friction, measured)
-    tracks = obstacle_prediction.observe(memory.tracks, scene, truth, stamp_ns, params)
+    tracks = obstacle_prediction.observe(memory.tracks, scene, received, stamp_ns, params)
     modelled = parts.model.car_on(memory.believed)
     # without a delay of commands the states between two effects are under the last ramp alone
     begin, acting, known = measured, ramps if command_ns else ramps[-1:], memory.known
@@ -284,7 +284,8 @@ def _decide(
     if not reason and memory.actuators.sticks:  # a plan that cannot steer
         reason = STEERING_STICKS
     if reason:
-        return *planner.brake(memory, reason, sliding), x0, None
+        slides = sliding and reason != STEERING_STICKS  # recovery steers
+        return *planner.brake(memory, reason, slides), x0, None
     memory, decision, attempt = planner.plan(memory, x0, world, modelled, sliding, parts)
     return memory, decision, x0, attempt
 
