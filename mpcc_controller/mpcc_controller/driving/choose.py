@@ -348,7 +348,8 @@ def is_braking_better(
         return ways.contact_speed(stop.X, scene, params)
 
     brakes = np.min(plan.X[:, FX]) <= -car.m * max_acceleration(car, params.limits)
-    if brakes and not any(ways.passed_sides(plan.X, scene, scene.obstacles.items, params).values()):
+    every = range(len(scene.obstacles.items))
+    if brakes and not any(ways.passed_sides(plan.X, scene, every, params).values()):
         # twice the horizon: until it stands, and who comes reaches it
         line = np.vstack((guess.X, np.repeat(guess.X[-1:], len(guess.X), axis=0)))
         if contact_speed(line, probing) < MUCH_SLOWER * contact_speed(line, car):
