@@ -15,10 +15,12 @@ import pytest
 from pyarrow import parquet
 from scipy import stats
 
-from experiments import cli, drive_row
+from experiments import cli, drive_row, simulation
 from experiments.drive_row import Row
 from experiments.families import draw
 from experiments.row_runner import TABLE
+from mpcc_controller.driving.last_resort import INTERNAL_ERROR
+from mpcc_controller.driving.planner import PLAN_TOUCHES
 
 CONTROLLER = 'mpcc_road'
 SEED, MOST_LOST = 4000, 1
@@ -59,9 +61,12 @@ def test_of_few_fixed_draws_at_most_one_is_lost():
 
 def test_before_a_closed_road_the_brakes_stop_the_car_and_not_the_steering():
     """Of a seed for tuning: with the friction that is believed at first it could not stop."""
-    row = Row('closed_road:36', CONTROLLER, seed=650)
-    results = drive_row.drive(drive_row.prepare(row))
+    setup = drive_row.prepare(Row('closed_road:36', CONTROLLER, seed=650))
+    results = drive_row.drive(setup)
     assert (results['survived'], results['stopped']) == (True, True)
+    reasons = {step.record.decision.reason for step in simulation.steps(setup)}
+    assert PLAN_TOUCHES in reasons
+    assert INTERNAL_ERROR not in reasons
 
 
 def survival(folder, draws, seed):

@@ -1,7 +1,7 @@
 """An emergency: the instant from which a driver may act, and what happens around the car.
 
 Until then the controller of the setup drives, without knowing what is to come. The fair instant is
-the first one at which an obstacle is seen and a fault of the actuators, if there is one, has begun;
+the first one at which an obstacle was seen and a fault of the actuators, if there is one, began;
 with full preview it is the start of the run. From then on a pilot knows all that will happen, and
 the car is the plant itself.
 """
@@ -59,7 +59,9 @@ class Emergency:
         self.car = simulation.make_car(setup)
         self._end = RunEnd(self._stop, self.car.now)
         self._tracks, self._commands = [], []
-        if preview or not scn.actors:
+        faults = setup.faults
+        self._fault_s = (faults and faults.from_s) or 0.0
+        if preview or not (scn.actors or self._fault_s):
             self._tracks.append(self.car.now)
         else:
             self._drive_on()
@@ -119,8 +121,7 @@ class Emergency:
 
     def _drive_on(self):
         """Let the controller drive until a driver can react, or the next tick ends the run."""
-        faults = self.setup.faults
-        begins_s = (faults and faults.from_s) or 0.0
+        is_seen = not self.setup.scn.actors
         for step in simulation.steps(self.setup):
             before = self.car, copy.copy(self._end)
             self.car = step.car.fork()
@@ -129,6 +130,7 @@ class Emergency:
                 self._commands.pop()
                 return
             self._tracks.append(step.track)
-            if step.obstacles.items and self._since_start(self.car.stamp_ns) >= begins_s:
+            is_seen = is_seen or bool(step.obstacles.items)
+            if is_seen and self._since_start(self.car.stamp_ns) >= self._fault_s:
                 return
             self._commands.append(step.record.command)

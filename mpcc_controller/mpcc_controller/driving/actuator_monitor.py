@@ -25,15 +25,18 @@ from msgs_yaml.types import Actuators
 
 FAULT = 'actuators.fault'  # in the report
 STEER, FORCE, LATE = 'steer', 'force', 'late'  # its words
-STEER_RAD = 0.012  # three standard deviations of a cheap sensor's offset, 4 deg at the wheel
+STEER_RAD = 0.012  # at the road wheel: three standard deviations of a cheap sensor's offset
 FORCE_MPS2 = 1.0  # of the mass of the car
 CONFIRM_S, CLEAR_S = 0.18, 1.0  # four ticks in a row; a manoeuvre without a difference
 LAGS, UNANNOUNCED_S = 2.0, 0.05  # set-points that count: of so many lags, and of a delay besides
 UNKNOWN_LAG_S = 0.1  # of a car file without lags
 OLDEST_S = 0.1  # a message that differs more from the state's stamp says nothing
-# a steering sticks that moves by less than a share of what it is asked for, of at least so much, in
-# so many messages; and what it was asked for up to so many messages earlier: it is not only late
-STILL_SHARE, MOVED_RAD, STILL_MESSAGES, LATEST, LAGGING = 0.1, 0.004, 5, 6, 2
+# a steering sticks that moves in so many messages by less than a share of what it is asked for
+STILL_MESSAGES, STILL_SHARE = 5, 0.1
+MOVED_RAD, FREE_RAD = 0.004, 0.01  # which is at least so much; it is free that moves by more
+LATEST = (
+    6  # messages: it was asked to move in those that ended up to so many ago, or it may be late
+)
 # a sticking steering is not asked for more than this beyond where it is: it may come free
 LEAD_RAD = 0.1
 
@@ -122,7 +125,7 @@ class ActuatorState(NamedTuple):
         if not self.held:
             return target
         delta, Fx, lambda_b = target
-        if STEER in self.faults:
+        if STEER in self.faults and not self.sticks:  # it would come free far from there
             measured = self.check.measured.delta
             lead = max(LEAD_RAD, abs(now.delta - measured))
             delta = np.clip(now.delta + delta - start.delta, measured - lead, measured + lead)
@@ -139,16 +142,16 @@ class ActuatorState(NamedTuple):
         """Return a line for the log: where actuators are that do not follow their set-points."""
         if not self.faults:
             return 'the actuators follow their set-points'
-        check = self.check
+        check, off = self.check, 'beyond what was asked for, plans begin there'
+        angle = f'steering angle {check.measured.delta:.3f} rad'
         texts = {
-            STEER: f'steering angle {check.measured.delta:.3f} rad, {check.steer_error:+.3f} rad '
-            'beyond what was asked for',
-            FORCE: f'force {check.measured.Fx:.0f} N, {check.force_error:+.0f} N '
-            'beyond what was asked for',
-            LATE: f'set-points arrive {1e3 * ns_to_s(check.late_ns):.0f} ms late',
+            STEER: f'{angle}, {check.steer_error:+.3f} rad {off}',
+            FORCE: f'force {check.measured.Fx:.0f} N, {check.force_error:+.0f} N {off}',
+            LATE: f'set-points arrive {1e3 * ns_to_s(check.late_ns):.0f} ms late, plans begin then',
         }
-        told = '; '.join(texts[name] for name in self.faults)
-        return f'actuators do not follow: {told}; plans begin there'
+        if self.sticks:
+            texts[STEER] = f'{angle}, which does not move, the car stops'
+        return f'actuators do not follow: {"; ".join(texts[name] for name in self.faults)}'
 
 
 class ActuatorMonitor:
@@ -174,14 +177,14 @@ class ActuatorMonitor:
         """Compare a message at its own stamp, and return what is known.
 
         Without a message that is the last check, until it is too old: a topic that falls silent
-        counts as one that nobody publishes.
+        counts as one that nobody publishes. A delay that was found stays.
         """
         last = known.last
         if actuators is None or not _is_recent(actuators, state_ns):
             if last is None:
                 return known
             if not _is_recent(last, state_ns):
-                return ActuatorState()
+                return ActuatorState(delay=known.delay)
             return known._replace(check=known.check._replace(age_s=None))
         age_s = (state_ns - actuators.stamp_ns) / NS_PER_S
         if last is not None and actuators.stamp_ns <= last.stamp_ns:  # the same message again
@@ -198,7 +201,7 @@ class ActuatorMonitor:
         )
         if delay.late_ns != known.delay.late_ns:  # compared anew
             persistences = (Persistence(), Persistence())
-        sticks = _sticks(delay.messages, persistences[0].holds, known.sticks)
+        sticks = _sticks(delay.messages, known.sticks)
         has = (persistences[0].holds or sticks, persistences[1].holds, bool(delay.late_ns))
         faults = tuple(name for name, is_so in zip((STEER, FORCE, LATE), has) if is_so)
         check = ActuatorCheck(age_s, measured, *errors, faults, delay.late_ns)
@@ -215,21 +218,21 @@ class ActuatorMonitor:
         return measured - min(max(measured, min(values)), max(values))
 
 
-def _sticks(messages, is_off, stuck):
+def _sticks(messages, stuck):
     """Return whether the steering stays where it is, though it is, or was, asked to move.
 
-    What follows with a delay stays as long as the set-points did earlier. One that `is_off` is not
-    late beside its lag.
+    What follows with a delay stays as long as the set-points did earlier.
     """
-    measured, asked = ([getattr(m, of).delta for m in messages] for of in ('measured', 'asked'))
+    measured = [message.measured.delta for message in messages]
+    asked = [message.asked.delta for message in messages]
     moved_rad = _range(measured[-STILL_MESSAGES:])
     if stuck:
-        return moved_rad < STILL_SHARE * MOVED_RAD
-    latest = LAGGING if is_off else LATEST
-    if len(messages) < STILL_MESSAGES + latest:
+        is_asked = any(abs(a - b) > MOVED_RAD for a, b in zip(asked, measured))
+        return moved_rad < FREE_RAD and is_asked
+    if len(messages) < STILL_MESSAGES + LATEST:
         return False
     # one less than measured: a delay may end between two messages
-    ends = range(len(asked) - latest, len(asked) + 1)
+    ends = range(len(asked) - LATEST, len(asked) + 1)
     asked_rad = min(_range(asked[end - STILL_MESSAGES + 1 : end]) for end in ends)
     return asked_rad > MOVED_RAD and moved_rad < STILL_SHARE * asked_rad
 

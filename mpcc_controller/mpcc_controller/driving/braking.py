@@ -41,16 +41,16 @@ def braking_target(
     """Return the set-points of one step of braking towards `lookahead`; without one, straight on.
 
     Both set-points respect their rate limits. With a state that is not finite the car brakes
-    straight on, as without lateral motion; so does one that does not steer: what the brakes take of
-    the friction straightens its course.
+    straight on, as without lateral motion. The brakes of a car that does not steer when asked to
+    (`steers`) get all friction: what they take of it straightens its course.
     """
     limits, step_s = params.limits, params.model.step_s
-    known = steers and all(map(math.isfinite, x))
+    known = all(map(math.isfinite, x))
     max_lateral = params.braking.lateral_use * max_acceleration(car, limits)
     lateral = lateral_acceleration(x, lookahead, max_lateral) if known and lookahead else 0.0
     present = min(abs(x.vx * x.r), max_lateral) if known else 0.0
     force_step = limits.force_rate_nps * step_s
-    Fx = -max_braking_force(max(abs(lateral), present), car, limits)
+    Fx = -max_braking_force(max(abs(lateral), present) if steers else 0.0, car, limits)
     Fx = min(max(Fx, now.Fx - force_step), now.Fx + force_step)
     lambda_b = setpoints.split_within_friction(
         setpoints.allowed_split(Fx, car, limits), Fx, car, limits

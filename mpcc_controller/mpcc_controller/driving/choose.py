@@ -350,7 +350,7 @@ def is_braking_better(
     brakes = np.min(plan.X[:, FX]) <= -car.m * max_acceleration(car, params.limits)
     every = range(len(scene.obstacles.items))
     if brakes and not any(ways.passed_sides(plan.X, scene, every, params).values()):
-        # twice the horizon: until it stands, and who comes reaches it
+        # twice the horizon: until it stands; who moves stays where its course ends
         line = np.vstack((guess.X, np.repeat(guess.X[-1:], len(guess.X), axis=0)))
         if contact_speed(line, probing) < MUCH_SLOWER * contact_speed(line, car):
             return True

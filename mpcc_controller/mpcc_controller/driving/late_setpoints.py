@@ -15,7 +15,8 @@ from msgs_yaml.conversions import NS_PER_S
 
 DELAYS_NS = tuple(range(0, 350_000_000, 50_000_000))  # that are compared, beyond what is known
 LATE_NS = 100_000_000  # no shorter one is believed: it may be one of the car that nobody told
-COMPARED, REMEMBERED = 10, 20  # messages
+COMPARED, REMEMBERED = 10, 20  # messages, a tick apart
+APART_NS = 40_000_000  # at least
 # in units: the least range of the differences from which delays are told apart; the share of their
 # deviation that the delay leaves which explains it; the deviation from which none is believed
 LEAST_RANGE, EXPLAINED, MOST_DEVIATION = 0.3, 0.3, 1.0
@@ -53,6 +54,8 @@ class DelayEstimator:
         stamp_ns: int,
     ) -> DelayEstimate:
         """Return what is known after a message; `ramps` are those with the delay believed."""
+        if known.messages and stamp_ns - known.messages[-1].stamp_ns < APART_NS:
+            return known
         asked, _ = setpoints_at(ramps, stamp_ns + known.late_ns)
         differences = tuple(
             (measured[i] - setpoints_at(ramps, stamp_ns - lag_ns)[0][i]) / unit
@@ -77,7 +80,7 @@ class DelayEstimator:
         best = int(np.argmax(deviations <= 2.0 * min(deviations)))
         if deviations[best] < EXPLAINED * min(now, deviations[-1]):
             return DELAYS_NS[best] if DELAYS_NS[best] >= LATE_NS else 0
-        return late_ns if now < MOST_DEVIATION else 0
+        return late_ns if now < max(MOST_DEVIATION, deviations[0]) else 0
 
     def _deviations(self, messages):
         """Return the standard deviation from what each delay expects, of both, in units, (7,)."""

@@ -29,7 +29,7 @@ def stop_plan(
 ) -> StopPlan | None:
     """Return the set-points that follow the command of a tick; None if it follows no plan.
 
-    `car` is that on the believed friction, `command_ns` the known delay [ns] of commands.
+    `car` is that on the believed friction, `command_ns` their delay [ns], known and found.
     """
     plan, command, limits = record.decision.plan, record.command, params.limits
     if plan is None:

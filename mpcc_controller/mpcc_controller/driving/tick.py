@@ -62,7 +62,7 @@ from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.conversions import NS_PER_S, add_seconds, ns_to_s
 from msgs_yaml.types import Command, VehicleState
 
-MOST_RAMPS = 10  # kept after an error: those of the longest delay
+MOST_RAMPS = 20  # kept after an error: those of the longest delay, known and found
 NOT_FINITE = 'state_not_finite'
 TOO_SLOW = 'too_slow'
 PATH_ENDED = 'path_ended'
@@ -317,7 +317,7 @@ def _act(
         else:
             law, braked = braking.braking_target, parts.model.car_to_brake(memory.believed)
             if memory.actuators.sticks:
-                line, law = braking.NONE, partial(law, steers=False)
+                law = partial(law, steers=False)
         target = law(predicted, start, ahead, braked, parts.params_to_brake)
     sent = memory.ramp.end
     target = memory.actuators.target_from(target, start, sent, modelled, limits, step_s)
