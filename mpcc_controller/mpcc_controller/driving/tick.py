@@ -157,7 +157,8 @@ def brake_after_error(
     command = last_resort.braking_command(
         measured, memory.last, points, modelled, limits, params.braking, params.model.step_s
     )
-    effective_ns, command_ns = inputs.effective_ns, memory.command_ns(parts.command_ns)
+    command_ns = parts.command_ns + memory.actuators.delay.late_ns  # no function of the tick
+    effective_ns = inputs.effective_ns
     if effective_ns is None:
         effective_ns = measured.stamp_ns + command_ns
     due_ns = max(measured.stamp_ns + command_ns + step_ns, effective_ns)
