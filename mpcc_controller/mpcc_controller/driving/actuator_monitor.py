@@ -31,12 +31,11 @@ CONFIRM_S, CLEAR_S = 0.18, 1.0  # four ticks in a row; a manoeuvre without a dif
 LAGS, UNANNOUNCED_S = 2.0, 0.05  # set-points that count: of so many lags, and of a delay besides
 UNKNOWN_LAG_S = 0.1  # of a car file without lags
 OLDEST_S = 0.1  # a message that differs more from the state's stamp says nothing
-# a steering sticks that moves in so many messages by less than a share of what it is asked for
+# a steering sticks that moves in so many messages by less than a share of what it is asked for,
 STILL_MESSAGES, STILL_SHARE = 5, 0.1
-MOVED_RAD, FREE_RAD = 0.004, 0.01  # which is at least so much; it is free that moves by more
-LATEST = (
-    6  # messages: it was asked to move in those that ended up to so many ago, or it may be late
-)
+MOVED_RAD, FREE_RAD = 0.004, 0.01  # which is at least so much; one that moves by more is free
+# and was, in those that ended up to so many messages earlier: otherwise it may only be late
+LATEST = 6
 # a sticking steering is not asked for more than this beyond where it is: it may come free
 LEAD_RAD = 0.1
 
