@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 EXPERIMENTS = Path(sys.prefix, 'bin/experiments')
 DRIVEN = ('double_lane_change', 'mpcc', 'mpcc_no_ca', 'frenet')
+# what tests/ros/test_realtime.py drives
+ON_THE_WALL_CLOCK = ('run', 'double_lane_change', '--mode', 'realtime')
 SECONDS = 240  # of wall time for one call; a run takes a few
 RUNS = 'bags/runs'  # where `experiments run` puts them
 PRINTED = 'printed.txt'

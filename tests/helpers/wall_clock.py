@@ -50,6 +50,7 @@ def with_priority(**settings: dict) -> dict[str, dict]:
     return {r: settings.get(r, {}) | given.get(r, {}) for r in settings.keys() | given.keys()}
 
 
-def settings() -> list[str]:
-    """Return the settings of `experiments run` that give every node its priority."""
-    return [f'{role}.realtime.priority={number}' for role, number in priorities().items()]
+def options() -> list[str]:
+    """Return the options of `experiments run` that give every node its priority."""
+    given = (f'{role}.realtime.priority={number}' for role, number in priorities().items())
+    return [word for setting in given for word in ('--set', setting)]
