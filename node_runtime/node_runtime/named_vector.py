@@ -17,11 +17,24 @@ from typing import Any, get_type_hints
 
 def leaves(value: Any) -> list:
     """Return the leaves of an instance in the order of `names`."""
+    if _is_leaf(type(value)):
+        return [value]
     if isinstance(value, tuple):
-        return [leaf for child in value for leaf in leaves(child)]
-    if hasattr(type(value), '__dataclass_fields__'):
-        return [leaf for field in fields(value) for leaf in leaves(getattr(value, field.name))]
-    return [value]
+        children = value
+    else:
+        children = [getattr(value, field.name) for field in fields(value)]
+    flat: list = []
+    for child in children:  # a call per leaf would take most of the time
+        if _is_leaf(type(child)):
+            flat.append(child)
+        else:
+            flat += leaves(child)
+    return flat
+
+
+@cache
+def _is_leaf(kind: type) -> bool:
+    return not issubclass(kind, tuple) and not is_dataclass(kind)
 
 
 def names(template: Any) -> tuple[str, ...]:

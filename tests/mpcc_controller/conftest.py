@@ -115,7 +115,7 @@ def set_inputs(controller, situation):
     controller.set_obstacles(situation.obstacles)
     controller.reset(REST)
     # of earlier tests: the controller is shared
-    controller.memory = dataclasses.replace(controller.memory, rejections={})
+    controller.memory = controller.memory._replace(rejections={})
     return controller
 
 

@@ -6,7 +6,6 @@ brakes after an internal error (`last_resort`).
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -104,7 +103,7 @@ class Controller:
             return fault
         if self.scene.path is None or not np.array_equal(path.table, self.scene.path.table):
             self.scene = self.scene._replace(path=path)
-            self.memory = replace(self.memory, progress=Progress())
+            self.memory = self.memory._replace(progress=Progress())
         return ''
 
     def drop_path_elsewhere(self, x: VehicleState) -> str:
@@ -152,8 +151,7 @@ class Controller:
             Fxf=float(share * actuators.Fxf),
             Fxr=float(share * actuators.Fxr),
         )
-        self.memory = replace(
-            self._begin(held),
+        self.memory = self._begin(held)._replace(
             actuators=ActuatorState(start=actuators),
             computing_s=self.memory.computing_s,
             rejections=self.memory.rejections,
@@ -276,9 +274,9 @@ class Controller:
                 self.memory = planner.prepare(self.memory, world, self.parts)
         except Exception as error:
             self.errors.add(error)
-            self.memory = replace(self.memory, prepared=None)
+            self.memory = self.memory._replace(prepared=None)
         prepared_s = self.parts.clock() - began
-        self.memory = replace(self.memory, prepared_s=prepared_s)
+        self.memory = self.memory._replace(prepared_s=prepared_s)
         return prepared_s
 
     def warm_up(self, x: VehicleState, steps: int) -> Iterator[TickRecord]:
@@ -306,14 +304,14 @@ class Controller:
                 self.parts.solvers.warm_up(self.memory.solved.problem)
         finally:
             computing_s = self.memory.computing_s
-            self.scene, self.memory = scene, replace(memory, computing_s=computing_s)
+            self.scene, self.memory = scene, memory._replace(computing_s=computing_s)
 
     def set_last_command(self, command: Command) -> None:
         """Continue from `command` instead of the last one returned (replay)."""
         end, lambda_b = setpoints.setpoints_of(command, self.car)
         active = self.memory.ramp._replace(end=end, lambda_b=lambda_b)
         ramps = (*self.memory.ramps[:-1], active)
-        self.memory = replace(self.memory, last=command, ramps=ramps)
+        self.memory = self.memory._replace(last=command, ramps=ramps)
 
     def _begin(self, command: Command) -> Memory:
         """Return the memory of a drive that begins after a command."""

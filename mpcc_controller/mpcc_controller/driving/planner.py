@@ -3,7 +3,6 @@
 Every function takes the memory of the ticks before and returns the one after.
 """
 
-from dataclasses import replace
 from functools import partial
 
 from mpcc_controller.driving import choose, guesses
@@ -97,7 +96,7 @@ def plan(
         around=around,
         refreshes=refreshes,
     )
-    memory = replace(memory, plans=plans, candidacy=candidacy, solved=attempt, prepared=None)
+    memory = memory._replace(plans=plans, candidacy=candidacy, solved=attempt, prepared=None)
     return memory, decision, attempt
 
 
@@ -109,11 +108,11 @@ def prepare(memory: Memory, scene: Scene, parts: Parts) -> Memory:
     """
     plans, car = memory.plans, parts.model.car_on(memory.believed)
     if plans.plan is None or plans.failures:
-        return replace(memory, prepared=None)
+        return memory._replace(prepared=None)
     x0 = State(*plans.plan.X[1])
     guess = parts.model.shift_to(plans.plan, x0, car)
     solution = parts.solvers.solve(parts.model.build_problem(x0, scene, guess, car))
-    return replace(memory, prepared=solution.plan if parts.solvers.is_usable(solution) else None)
+    return memory._replace(prepared=solution.plan if parts.solvers.is_usable(solution) else None)
 
 
 def explore(memory: Memory, parts: Parts) -> Memory:
@@ -136,7 +135,7 @@ def explore(memory: Memory, parts: Parts) -> Memory:
         (driven,) = choose.judge(*alone, solved.around, parts.params)
     candidacy = memory.candidacy._replace(postponed=())
     rules = parts.params.candidates
-    return replace(memory, candidacy=choose.keep_new_ways(candidacy, driven, outcomes, rules))
+    return memory._replace(candidacy=choose.keep_new_ways(candidacy, driven, outcomes, rules))
 
 
 def brake(memory: Memory, reason: str, sliding: bool = False) -> tuple[Memory, Decision]:
@@ -145,7 +144,7 @@ def brake(memory: Memory, reason: str, sliding: bool = False) -> tuple[Memory, D
     The other plans are dropped: without a solve they grow older.
     """
     plans, decision = memory.plans.brake(reason, sliding)
-    return replace(memory, plans=plans, candidacy=Candidacy()), decision
+    return memory._replace(plans=plans, candidacy=Candidacy()), decision
 
 
 def continue_plan(
@@ -164,7 +163,7 @@ def continue_plan(
             stage_ns = add_seconds(progress.stage_ns, params.model.step_s)
             progress = progress._replace(stage_ns=stage_ns)
         plans, decision = plans.follow_shifted(params.fallback, reason, shifted)
-    memory = replace(memory, plans=plans, progress=progress, candidacy=Candidacy())
+    memory = memory._replace(plans=plans, progress=progress, candidacy=Candidacy())
     return memory, decision
 
 

@@ -1,7 +1,7 @@
 """What one tick takes, returns, and leaves to the next. SI units; stamps and instants in ns."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -79,28 +79,27 @@ class TickRecord(NamedTuple):
         return f'TickRecord(stamp_ns={self.command.stamp_ns}, {level}: {reason}, {self.command})'
 
 
-@dataclass(frozen=True, eq=False)
-class Memory:
+class Memory(NamedTuple):
     """What one tick leaves to the next: immutable, so a drive can be forked and wound back."""
 
     last: Command  # sent last, or the held actuators
     ramps: tuple[SetpointRamp, ...]  # set-points sent, the newest last
     friction: FrictionMemory | None  # None where it is not estimated
     believed: float  # friction coefficient
-    actuators: ActuatorState = field(default_factory=ActuatorState)
-    tracks: Tracks = field(default_factory=Tracks)
+    actuators: ActuatorState = ActuatorState()
+    tracks: Tracks = Tracks()
     guide: tuple[int, np.ndarray] | None = None  # stamp [ns] and points [m] of the last plan, map
     known: VehicleState | None = None  # the last state that was finite
     is_too_slow: bool = False
     slid: bool = False  # whether the car slid in the last tick
-    progress: Progress = field(default_factory=Progress)
-    plans: Plans = field(default_factory=Plans)
-    candidacy: Candidacy = field(default_factory=Candidacy)
+    progress: Progress = Progress()
+    plans: Plans = Plans()
+    candidacy: Candidacy = Candidacy()
     solved: Attempt | None = None  # the last one
     prepared: Plan | None = None  # solution of the problem expected next
     prepared_s: float | None = None  # computing time after the last command
     computing_s: tuple[float, ...] = ()  # of the last steps
-    rejections: Mapping[str, int] = field(default_factory=dict)  # by the gate, by reason
+    rejections: Mapping[str, int] = MappingProxyType({})  # by the gate, by reason
     resumed: bool = False  # the next tick is the first one after a pause
 
     @property

@@ -22,7 +22,6 @@ friction that is believed.
 """
 
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -98,7 +97,7 @@ def tick(
     checked = parts.gate.check(command, before.last, age_s, brakes)
     rejections = [checked.reason] if checked.reason else []
     if checked.reason and checked.reason not in UNTIMELY:
-        memory = replace(memory, plans=memory.plans.discard(), candidacy=Candidacy())
+        memory = memory._replace(plans=memory.plans.discard(), candidacy=Candidacy())
         if decision.plan is not None:
             memory, decision = planner.brake(memory, REJECTED, now.sliding)
             memory, command, line = _act(memory, decision, False, now, parts)
@@ -108,9 +107,9 @@ def tick(
     command, reason = checked.command, rejections[0] if rejections else ''
     computing_s = parts.clock() - began
     memory = _remember(memory, command, decision, now.effective_ns, rejections, parts)
-    memory = replace(memory, slid=now.sliding, resumed=False)
+    memory = memory._replace(slid=now.sliding, resumed=False)
     if not inputs.fault:  # braking takes no time and says nothing about the next solve
-        memory = replace(memory, computing_s=(*memory.computing_s, computing_s)[-WINDOW:])
+        memory = memory._replace(computing_s=(*memory.computing_s, computing_s)[-WINDOW:])
     return memory, TickRecord(
         inputs=inputs,
         command=command,
@@ -167,8 +166,7 @@ def brake_after_error(
     ramp = SetpointRamp(effective_ns, active.end, due_ns, Setpoints(command.delta, force), share)
     resumed = memory.resumed
     plans = memory.plans._replace(plan=None, age=0, good_age=memory.plans.good_age + 1)
-    memory = replace(
-        memory,
+    memory = memory._replace(
         last=command,
         ramps=(*memory.ramps[-MOST_RAMPS:], ramp),
         plans=plans,
@@ -203,8 +201,8 @@ def _sense(
     actuators = parts.actuators.update(memory.actuators, inputs.actuators, memory.ramps, stamp_ns)
     if actuators.delay.late_ns != memory.actuators.delay.late_ns:
         later_ns = actuators.delay.late_ns - memory.actuators.delay.late_ns
-        memory = replace(memory, ramps=shifted(memory.ramps, later_ns))
-    memory = replace(memory, actuators=actuators)
+        memory = memory._replace(ramps=shifted(memory.ramps, later_ns))
+    memory = memory._replace(actuators=actuators)
     command_ns = memory.command_ns(parts.command_ns)
     if effective_ns is None:  # not known: when it is expected
         effective_ns = at_once_ns = stamp_ns + command_ns
@@ -218,7 +216,7 @@ def _sense(
     if parts.friction is not None:
         friction = parts.friction.update(memory.friction, measured, ramps)
         belief = parts.friction.belief(friction)
-        memory = replace(memory, friction=friction, believed=belief.friction)
+        memory = memory._replace(friction=friction, believed=belief.friction)
         measured = parts.friction.filtered(friction, measured)
     tracks = obstacle_prediction.observe(memory.tracks, scene, received, stamp_ns, params)
     modelled = parts.model.car_on(memory.believed)
@@ -233,7 +231,7 @@ def _sense(
         else:
             known = None
     predicted = predict(begin, acting, effective_ns, modelled)
-    memory = replace(memory, tracks=tracks, known=known)
+    memory = memory._replace(tracks=tracks, known=known)
     now = Now(
         measured,
         predicted,
@@ -268,14 +266,14 @@ def _decide(
     least = least_driven(params.limits)
     margin = params.limits.speed_hysteresis_mps if memory.is_too_slow else 0.0
     is_too_slow = bool(predicted.vx < least + margin)
-    memory = replace(memory, is_too_slow=is_too_slow)
+    memory = memory._replace(is_too_slow=is_too_slow)
     lacking = missing(world)
     if lacking:
         return *planner.brake(memory, f'no_{lacking[0]}', sliding), None, None
     progress, x0 = path_progress.initial_state(
         memory.progress, predicted, start, world, memory.plans.plan, params
     )
-    memory = replace(memory, progress=progress)
+    memory = memory._replace(progress=progress)
     reason = fault or (TOO_SLOW if is_too_slow else '')
     # past a path that ends in a stop the plan ends there, and a car that stands is held
     path = world.path
@@ -310,7 +308,7 @@ def _act(
             reach_m = params.surroundings.path_search_m
             near = memory.progress.theta
             theta = reference_path.project(world.path, predicted.X, predicted.Y, near, reach_m)
-            memory = replace(memory, progress=memory.progress._replace(theta=theta))
+            memory = memory._replace(progress=memory.progress._replace(theta=theta))
         guide = memory.plans.guide(params.fallback)
         line, ahead = braking.lookahead_point(predicted, guide, world.path, theta, params.braking)
         if decision.level == RECOVERY:
@@ -346,4 +344,4 @@ def _remember(memory: Memory, command: Command, decision, effective_ns, rejectio
     guide = memory.guide
     if decision.plan is not None:
         guide = command.stamp_ns, decision.plan.X[:, :2]
-    return replace(memory, last=command, ramps=(*kept, ramp), rejections=counts, guide=guide)
+    return memory._replace(last=command, ramps=(*kept, ramp), rejections=counts, guide=guide)

@@ -187,7 +187,7 @@ def test_the_delay_is_predicted_on_the_road_that_is_believed(estimating, world, 
     slowed = {}
     for friction in (1.0, 0.4):
         late = world.set_inputs(estimating, world.straight())
-        late.memory = replace(late.memory, ramps=(held(0.0, -15e3),))
+        late.memory = late.memory._replace(ramps=(held(0.0, -15e3),))
         belief = FrictionBelief(friction, 0.0)
         monkeypatch.setattr(late.parts.friction, 'belief', lambda _, belief=belief: belief)
         x = world.rolling(stamp_ns=TICK)

@@ -266,7 +266,7 @@ def test_plans_bounds_and_brakes_take_the_believed_friction_until_a_restart(
     for _ in range(2):
         world.set_inputs(estimating, world.lane_change())
         for x, ramps in drive(0.5, swerve()):
-            estimating.memory = replace(estimating.memory, ramps=tuple(ramps))
+            estimating.memory = estimating.memory._replace(ramps=tuple(ramps))
             _, _, why = world.tick(estimating, x)
             beliefs.append(why.values['friction.estimate'])
     assert beliefs[:40] == beliefs[40:]

@@ -83,7 +83,7 @@ def test_there_are_none_without_a_plan_and_for_a_car_that_stands(controller, wor
     standing = plan._replace(X=plan.X * (np.arange(9) != 3))
     stands = record._replace(decision=record.decision._replace(plan=standing))
     assert controller.stop_plan(stands) is None
-    controller.memory = replace(controller.memory, plans=controller.memory.plans.discard())
+    controller.memory = controller.memory._replace(plans=controller.memory.plans.discard())
     assert controller.stop_plan(controller.step(TickInputs(unknown_state(2 * TICK_NS)))) is None
 
 
