@@ -5,6 +5,7 @@ Use:
     estimator_node  the node
 Parts:
     filter          extended Kalman filter with a model of the car
+    kalman          what it knows at an instant, and how measurements change it
     estimate        what an estimator says, and its message
     vehicle_model   axles, tyres and wheels
     references      a kinematic observer, and no filter, to compare with

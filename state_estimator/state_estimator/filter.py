@@ -6,9 +6,7 @@ the friction of the road [-, of the identified one]. The IMU is integrated; what
     tyres        with both axle forces known from ay and the yaw acceleration, the tyre model says
                  the sideslip of each axle where it does not slide, and the friction where it does
     wheels       speed over ground but for the slip that the longitudinal acceleration needs
-    receiver     position and velocity, which fuse late: the gain is that for the state at the time
-                 of the fix, carried forward by the products of (I - K H) F since then (Larsen,
-                 Andersen, Ravn, Poulsen, CDC 1998)
+    receiver     position and velocity, which fuse late (`kalman`)
     standstill   zero velocity and yaw rate
 
 The equations are those of a single-track car, as in Baffet, Charara, Lechner, Control Engineering
@@ -17,8 +15,8 @@ noise of the same spectral density at zero frequency stands for them. SI units, 
 """
 
 import math
+from bisect import bisect_left
 from collections import deque
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,12 +24,14 @@ from msgs_yaml.conversions import NS_PER_S, wrap_angle
 from msgs_yaml.types import Chassis, Gnss, Imu, VehicleState
 from state_estimator import vehicle_model
 from state_estimator.estimate import DIVERGED, OK, Estimate
+from state_estimator.kalman import Instant, correct_late
 from state_estimator.parameters import EstimatorParams, Vehicle
 from state_estimator.vehicle_model import G, RestDetector
 
 N = 9
 X, Y, PSI, VX, VY, B_AX, B_AY, B_R, MU = range(N)
-REPORTED = np.ix_(*[[X, Y, PSI, VX, VY, B_R]] * 2)
+REPORTED = X, Y, PSI, VX, VY, B_R
+REPORTED_AT = np.add.outer(N * np.array(REPORTED), REPORTED)  # places in the flat covariance
 SLOW_MPS, CRAWL_MPS = 4.0, 1.0  # below them: no slip; no course
 FIX_LATE_S, LATE_NS = 1.0, 100_000_000  # a receiver is silent; an angle is too old
 # what a car that drives may have done since the fix from which the filter begins anew
@@ -43,40 +43,40 @@ LONGEST_STEP_S = 0.1  # a longer pause of the IMU begins the filter anew
 _I = np.eye(N)
 
 
-class _Step(NamedTuple):
-    """A past instant of the IMU after all that was known then, for late fixes."""
-
-    stamp_ns: int
-    x: np.ndarray
-    P: np.ndarray
-    A: np.ndarray  # (I - K H) F, from the step before to this one
-
-
 class Filter:
     """The filter; `update` takes messages in the order of their arrival."""
 
     def __init__(self, params: EstimatorParams, vehicle: Vehicle, yaw_rad: float | None = None):
         """Begin without a state; `yaw_rad` is the heading where the car starts at rest."""
         self._p, self._car, self._yaw = params, vehicle, yaw_rad
+        self._axles, self._wheels = vehicle_model.axles(vehicle), vehicle_model.wheels(vehicle)
+        self._pitch = 1.0 + G * vehicle.pitch_radps2  # of ax as it is measured, gravity in it
+        p, white = params, params.acceleration_noise**2
+        pose, bias = p.position_walk**2, p.acceleration_walk**2
+        lengthways, across = white + p.pitch_noise**2, white + p.roll_noise**2
+        mu = 2.0 * p.friction_spread**2 / p.friction_time_s
+        noise = [pose, pose, p.rate_noise**2, lengthways, across, bias, bias, p.rate_walk**2, mu]
+        self._noise = np.array(noise)  # per second
+        drift, rate = p.position_drift_m**2, p.rate_noise**2 / p.imu_s
+        self._reported_noise = np.diag([drift, drift, 0.0, 0.0, 0.0, rate])
         self._chassis: Chassis | None = None
         self._fix: Gnss | None = None
         self.resets, self.reason = 0, ''  # why it began anew the last time
         self._begin()
 
     def _begin(self):
-        self._x = self._P = None
-        self._steps: deque[_Step] = deque()
-        self._A = _I
+        self._now: Instant | None = None
+        self._past: deque[Instant] = deque()
         self._imu = None
         self._fix_ns = self._misfits = 0
         self._rest = RestDetector()
         self._phi = self._r_slow = self._ay_slow = 0.0
-        self._alpha = np.zeros(2)
+        self._alpha = [0.0, 0.0]
 
     def _begin_anew(self, reason):
         """Forget the state but for the heading, which nothing tells of a car at rest."""
-        if self._x is not None and math.isfinite(self._x[PSI]):
-            self._yaw = float(self._x[PSI])
+        if self._now and math.isfinite(self._now.x[PSI]):
+            self._yaw = float(self._now.x[PSI])
         self._begin()
         self.resets, self.reason = self.resets + 1, reason
 
@@ -105,130 +105,129 @@ class Filter:
                 return
             psi, speed = self._yaw, 0.0
             sd = ANEW_SIDESLIP_RAD if self.resets else p.start_yaw_rad
-        self._x = np.array(
-            [fix.X + since * fix.vX, fix.Y + since * fix.vY, psi, speed, 0, 0, 0, 0, p.friction],
-            float,
-        )
+        self._now = now = Instant(imu.stamp_ns, N)
+        now.x[[X, Y]] = fix.X + since * fix.vX, fix.Y + since * fix.vY
+        now.x[[PSI, VX, MU]] = psi, speed, p.friction
         at = math.hypot(p.position_noise_m, p.position_drift_m, 0.5 * changed * since)
         sds = [at, at, sd, velocity, velocity]
         sds += [*[p.acceleration_bias_mps2] * 2, p.rate_bias_radps, p.friction_spread]
-        self._P = np.diag(np.square(sds))
+        now.P[:] = np.diag(np.square(sds))
         # the course is known: what turns the heading turns the velocity against the body
         slide *= speed > 0.0
-        self._P[PSI, PSI] += slide**2
-        self._P[VY, VY] += (slide * speed) ** 2
-        self._P[PSI, VY] = self._P[VY, PSI] = -speed * slide**2
+        now.P[PSI, PSI] += slide**2
+        now.P[VY, VY] += (slide * speed) ** 2
+        now.P[PSI, VY] = now.P[VY, PSI] = -speed * slide**2
         self._fix_ns, self._r_slow, self._ay_slow = fix.stamp_ns, imu.r, imu.ay
 
     def _on_imu(self, imu):
         before = self._imu
         dt = (imu.stamp_ns - before.stamp_ns) / NS_PER_S if before else 0.0
-        if self._x is not None and not 0.0 < dt <= LONGEST_STEP_S:
+        if self._now and not 0.0 < dt <= LONGEST_STEP_S:
             self._begin_anew(f'{dt:.3f} s between two messages of the IMU')
         self._imu = imu
-        if self._x is None:
+        if not self._now:
             if self._fix and self._chassis:
                 self._start(imu)
-            return None if self._x is None else self._estimate(imu)
-        self._steps.append(_Step(before.stamp_ns, self._x, self._P, self._A))
-        self._A = self._predict(before, imu, dt)
+            return self._estimate(imu) if self._now else None
+        self._past.append(self._now)
+        while self._past[0].stamp_ns < imu.stamp_ns - HISTORY_S * NS_PER_S:
+            self._past.popleft()
+        self._now = self._predict(before, imu, dt)
         self._use_tyres(imu, dt)
-        while self._steps[0].stamp_ns < imu.stamp_ns - HISTORY_S * NS_PER_S:
-            self._steps.popleft()
         return self._estimate(imu)
 
     def _predict(self, before, imu, dt):
-        """Integrate the IMU over a step, trapezoidal in its readings; return the Jacobian."""
-        p, x = self._p, self._x
-        roll = self._roll(imu, dt)
-        r = 0.5 * (before.r + imu.r) - x[B_R]
-        ax = (0.5 * (before.ax + imu.ax) - x[B_AX]) / (1.0 + G * self._car.pitch_radps2)
-        ay = 0.5 * (before.ay + imu.ay) - x[B_AY] - G * roll
-        vx, vy = x[VX], x[VY]
-        middle = x[PSI] + 0.5 * r * dt
+        """Integrate the IMU over a step, trapezoidal in its readings; return the next instant."""
+        p = self._p
+        at_X, at_Y, psi, vx, vy, b_ax, b_ay, b_r, mu = self._now.x.tolist()
+        roll = self._roll(imu, dt, b_ay)
+        r = 0.5 * (before.r + imu.r) - b_r
+        ax = (0.5 * (before.ax + imu.ax) - b_ax) / self._pitch
+        ay = 0.5 * (before.ay + imu.ay) - b_ay - G * roll
+        middle = psi + 0.5 * r * dt
         c, s = math.cos(middle), math.sin(middle)
+        vX, vY = vx * c - vy * s, vx * s + vy * c
         pull = math.exp(-dt / p.friction_time_s)
-        self._x = x + dt * np.array(
-            [vx * c - vy * s, vx * s + vy * c, r, ax + r * vy, ay - r * vx, 0, 0, 0, 0]
-        )
-        self._x[MU] = p.friction + pull * (x[MU] - p.friction)
+        x = (
+            at_X + dt * vX, at_Y + dt * vY, psi + dt * r, vx + dt * (ax + r * vy),
+            vy + dt * (ay - r * vx), b_ax, b_ay, b_r, p.friction + pull * (mu - p.friction),
+        )  # fmt: skip
         F = _I.copy()
-        F[X, PSI], F[X, VX], F[X, VY] = dt * (-vx * s - vy * c), dt * c, -dt * s
-        F[Y, PSI], F[Y, VX], F[Y, VY] = dt * (vx * c - vy * s), dt * s, dt * c
+        F[X, PSI], F[X, VX], F[X, VY] = -dt * vY, dt * c, -dt * s
+        F[Y, PSI], F[Y, VX], F[Y, VY] = dt * vX, dt * s, dt * c
         F[PSI, B_R] = -dt
         F[VX, VY], F[VX, B_AX], F[VX, B_R] = r * dt, -dt, -vy * dt
         F[VY, VX], F[VY, B_AY], F[VY, B_R] = -r * dt, -dt, vx * dt
         F[MU, MU] = pull
-        pose, white, bias = p.position_walk**2, p.acceleration_noise**2, p.acceleration_walk**2
-        lengthways, across = white + p.pitch_noise**2, white + p.roll_noise**2 * (1 + ay * ay)
-        mu = 2.0 * p.friction_spread**2 / p.friction_time_s
-        Q = [pose, pose, p.rate_noise**2, lengthways, across, bias, bias, p.rate_walk**2, mu]
-        self._P = F @ self._P @ F.T
-        self._P.flat[:: N + 1] += dt * np.array(Q)
-        return F
+        variances = dt * self._noise
+        variances[VY] += dt * (p.roll_noise * ay) ** 2
+        return self._now.next(imu.stamp_ns, x, F, variances)
 
-    def _roll(self, imu, dt):
+    def _roll(self, imu, dt, b_ay):
         """Return the roll angle: its rate, drawn to what the lateral acceleration leads to."""
-        steady = self._car.roll_radps2 * (imu.ay - self._x[B_AY] - G * self._phi)
+        steady = self._car.roll_radps2 * (imu.ay - b_ay - G * self._phi)
         pull = dt / self._p.roll_time_s
         self._phi += dt * imu.p + pull * (steady - self._phi)
         return self._phi
 
     def _use_tyres(self, imu, dt):
         """Compare the axle forces that the IMU says with those of the tyres."""
-        p, car, x = self._p, self._car, self._x
-        r = imu.r - x[B_R]
+        p, car, now = self._p, self._car, self._now
+        *_, vx, vy, b_ax, _, b_r, _ = now.x.tolist()
+        r = imu.r - b_r
         ay = imu.ay - G * self._phi
         slow = dt / (p.force_time_s + dt)
         self._ay_slow += slow * (ay - self._ay_slow)
         yaw_acceleration = (imu.r - self._r_slow) / (p.force_time_s + dt)
         self._r_slow += slow * (imu.r - self._r_slow)
-        vx, vy, delta = x[VX], x[VY], self._chassis.delta
+        delta = self._chassis.delta
         if vx < SLOW_MPS:
             if abs(vx) < SLOW_MPS and not self._stands(imu):  # the rear axle does not slip
                 h = np.zeros(N)
                 h[VY], h[B_R] = 1.0, car.rear_m
                 self._correct(h, car.rear_m * r - vy, 0.1**2 + (0.2 * ay) ** 2)
             return
-        ax = (imu.ax - x[B_AX]) / (1.0 + G * car.pitch_radps2)
+        ax = (imu.ax - b_ax) / self._pitch
         turned = yaw_acceleration * car.yaw_inertia_kgm2 / car.mass_kg
         lag = p.force_time_s + car.relaxation_m / vx
         density = 2.0 * p.tyre_time_s / dt
-        for k, axle in enumerate(vehicle_model.axles(car)):
-            tan_alpha = (vy + axle.arm * r) / vx - delta * axle.steered
+        for k, axle in enumerate(self._axles):
+            across = vy + axle.arm * r
+            tan_alpha = across / vx - delta * axle.steered
             self._alpha[k] += dt / (lag + dt) * (tan_alpha - self._alpha[k])
             if axle.steered and self._chassis_is_late(imu):
                 continue
-            force, slope, over_friction = axle.force(self._alpha[k], ax, self._x[MU])
+            force, slope, over_friction = axle.force(self._alpha[k], ax, float(now.x[MU]))
             h = np.zeros(N)
-            h[VX], h[VY] = -slope * (vy + axle.arm * r) / vx**2, slope / vx
+            h[VX], h[VY] = -slope * across / vx**2, slope / vx
             h[B_R], h[B_AY], h[MU] = -slope * axle.arm / vx, 1.0, over_friction
             lateral = self._ay_slow + turned / axle.other
             sd = p.tyre_noise_mps2 + p.tyre_error * abs(lateral) + abs(slope) * p.steer_error_rad
-            self._correct(h, lateral - self._x[B_AY] - force, density * sd**2)
+            self._correct(h, lateral - float(now.x[B_AY]) - force, density * sd**2)
 
     def _on_chassis(self, chassis):
         self._chassis = chassis
-        if self._x is None or self._imu is None:
+        if not self._now:
             return
-        p, car, imu = self._p, self._car, self._imu
+        p, car, imu, now = self._p, self._car, self._imu, self._now
         if self._stands(imu):
             for index, value in ((VX, 0.0), (VY, 0.0), (B_R, imu.r), (B_AX, imu.ax)):
                 h = np.zeros(N)
                 h[index] = 1.0
                 sd = 0.02 if index in (VX, VY) else 0.3 if index == B_AX else 0.01
-                self._correct(h, value - self._x[index], sd**2)
+                self._correct(h, value - now.x[index], sd**2)
             return
-        r, delta = imu.r - self._x[B_R], chassis.delta
-        ax = (imu.ax - self._x[B_AX]) / (1.0 + G * car.pitch_radps2)
-        for wheel, omega in zip(vehicle_model.wheels(car), chassis.omega):
-            c, s = (math.cos(delta), math.sin(delta)) if wheel.steered else (1.0, 0.0)
-            speed = (self._x[VX] - wheel.y * r) * c + (self._x[VY] + wheel.x * r) * s
+        *_, b_ax, _, b_r, _ = now.x.tolist()
+        r, ax = imu.r - b_r, (imu.ax - b_ax) / self._pitch
+        c_front, s_front = math.cos(chassis.delta), math.sin(chassis.delta)
+        for wheel, omega in zip(self._wheels, chassis.omega):
+            c, s = (c_front, s_front) if wheel.steered else (1.0, 0.0)
+            vx, vy = now.x[VX : VY + 1].tolist()
+            speed = (vx - wheel.y * r) * c + (vy + wheel.x * r) * s
             slip = car.slip_per_mps2 * ax * (ax < 0.0 or wheel.driven)
             sd = p.wheel_noise_mps + (p.wheel_error + p.slip_error * abs(slip)) * abs(speed)
-            expected = speed * (1.0 + slip)
-            innovation = omega * car.wheel_radius_m - expected
-            if not abs(innovation) <= 4.0 * math.sqrt(sd**2 + self._P[VX, VX]):
+            innovation = omega * car.wheel_radius_m - speed * (1.0 + slip)
+            if not abs(innovation) <= 4.0 * math.sqrt(sd**2 + now.P[VX, VX]):
                 continue  # it locks, spins or says nothing
             h = np.zeros(N)
             h[VX], h[VY] = c, s
@@ -239,29 +238,30 @@ class Filter:
         return imu.stamp_ns - self._chassis.stamp_ns > LATE_NS
 
     def _stands(self, imu):
-        return self._rest.update(imu, self._chassis, self._x[B_AX], self._x[B_R])
+        return self._rest.update(imu, self._chassis, self._now.x[B_AX], self._now.x[B_R])
 
     def _on_fix(self, fix):
         self._fix = fix
-        if self._x is None:
+        if not self._now:
             return
-        now = _Step(self._imu.stamp_ns, self._x, self._P, self._A)
-        steps = [*self._steps, now]
-        at = min(range(len(steps)), key=lambda i: abs(steps[i].stamp_ns - fix.stamp_ns))
-        then = steps[at]
+        instants = [*self._past, self._now]
+        after = bisect_left(instants, fix.stamp_ns, key=lambda instant: instant.stamp_ns)
+        near = range(len(instants))[max(after - 1, 0) : after + 1]
+        at = min(near, key=lambda i: abs(instants[i].stamp_ns - fix.stamp_ns))
+        then = instants[at]
         if abs(then.stamp_ns - fix.stamp_ns) > LARGEST_OFFSET_NS:
             return
-        p, x = self._p, then.x
-        c, s = math.cos(x[PSI]), math.sin(x[PSI])
-        vX, vY = x[VX] * c - x[VY] * s, x[VX] * s + x[VY] * c
+        p, (at_X, at_Y, psi, vx, vy, *_) = self._p, then.x.tolist()
+        c, s = math.cos(psi), math.sin(psi)
+        vX, vY = vx * c - vy * s, vx * s + vy * c
         H = np.zeros((4, N))
         H[0, X] = H[1, Y] = 1.0
         H[2, PSI], H[2, VX], H[2, VY] = -vY, c, -s
         H[3, PSI], H[3, VX], H[3, VY] = vX, s, c
         drift = p.position_drift_m**2 * 2.0 * p.drift_time_s / p.fix_s
         R = np.array([*[p.position_noise_m**2 + drift] * 2, *[p.velocity_noise_mps**2] * 2])
-        innovation = np.array([fix.X - x[X], fix.Y - x[Y], fix.vX - vX, fix.vY - vY])
-        S = H @ then.P @ H.T
+        innovation = np.array([fix.X - at_X, fix.Y - at_Y, fix.vX - vX, fix.vY - vY])
+        S = H.dot(then.P).dot(H.T)
         S.flat[::5] += R
         misfit = float(innovation @ np.linalg.solve(S, innovation))
         self._misfits = self._misfits + 1 if misfit > p.misfit else 0
@@ -271,47 +271,35 @@ class Filter:
         if self._misfits:
             return
         self._fix_ns = fix.stamp_ns
-        K = np.linalg.solve(S, H @ then.P.T).T  # at the time of the fix
-        for i in range(at, len(steps)):
-            step = steps[i]
-            K = step.A @ K if i > at else K
-            steps[i] = step._replace(x=step.x + K @ innovation, P=step.P - K @ S @ K.T)
-        *past, now = steps
-        self._steps = deque(past)
-        self._x, self._P = now.x, now.P
-        self._finish()
+        correct_late(instants[at:], H, S, innovation)
+        self._bound_friction()
 
     def _correct(self, h, innovation, R):
-        """Use a scalar measurement h x with variance R."""
-        Ph = self._P @ h
-        K = Ph / (h @ Ph + R)
-        self._x = self._x + K * innovation
-        self._P = self._P - K[:, None] * Ph
-        self._A = self._A - K[:, None] * (h @ self._A)
-        self._finish()
+        self._now.correct(h, innovation, R)
+        self._bound_friction()
 
-    def _finish(self):
-        self._P = 0.5 * (self._P + self._P.T)
-        self._x[MU] = min(max(self._x[MU], MU_RANGE[0]), MU_RANGE[1])
+    def _bound_friction(self):
+        x = self._now.x
+        if not MU_RANGE[0] <= x[MU] <= MU_RANGE[1]:
+            x[MU] = min(max(x[MU], MU_RANGE[0]), MU_RANGE[1])
 
     def _estimate(self, imu):
-        x = self._x
-        if not (np.isfinite(x).all() and self._P.diagonal().min() >= 0.0):
+        now = self._now
+        x, variances = now.x.tolist(), now.P.diagonal().tolist()
+        if not (math.isfinite(sum(x) + sum(variances)) and min(variances) >= 0.0):
             self._begin_anew('the state was no number, or a variance below 0')
             self._imu = imu
             self._start(imu)
-            return None if self._x is None else self._estimate(imu)
+            return self._estimate(imu) if self._now else None
         state = VehicleState(
-            imu.stamp_ns, float(x[X]), float(x[Y]), wrap_angle(float(x[PSI])), float(x[VX]),
-            float(x[VY]), imu.r - float(x[B_R]),
-        )  # fmt: skip
-        P = self._P[REPORTED]
-        P[5, :5] *= -1.0
-        P[:5, 5] *= -1.0
-        P[[0, 1], [0, 1]] += self._p.position_drift_m**2
-        P[5, 5] += self._p.rate_noise**2 / self._p.imu_s
+            imu.stamp_ns, x[X], x[Y], wrap_angle(x[PSI]), x[VX], x[VY], imu.r - x[B_R]
+        )
+        P = now.P.take(REPORTED_AT)
+        P[5] *= -1.0  # the yaw rate is that of the IMU less its bias
+        P[:, 5] *= -1.0
+        P += self._reported_noise
         missing = ['receiver'] if imu.stamp_ns - self._fix_ns > FIX_LATE_S * NS_PER_S else []
         missing += ['chassis'] if self._chassis_is_late(imu) else []
         status = DIVERGED if self._misfits > 2 else OK
         status = f'no {" and ".join(missing)}' if missing else status
-        return Estimate(state, P, float(x[MU]), status)
+        return Estimate(state, P, x[MU], status)

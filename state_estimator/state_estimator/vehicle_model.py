@@ -5,7 +5,6 @@ moves to the left.
 """
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 from msgs_yaml.conversions import NS_PER_S
@@ -15,6 +14,7 @@ from state_estimator.parameters import Vehicle
 G = 9.81  # m/s^2
 LEAST_SLOPE = 0.03  # share of the cornering stiffness by which a sliding tyre still counts
 LEAST_CAPACITY = 0.15  # of the friction, beside the longitudinal force
+MOST_USED = math.sqrt(1.0 - LEAST_CAPACITY**2)  # of the friction, by that force
 STANDS_S = 0.3  # all wheels at rest and no motion in the IMU for so long
 STANDS_MPS2, STANDS_RADPS = 0.6, 0.03
 
@@ -48,7 +48,7 @@ class Axle(NamedTuple):
         """
         load = G + self.transfer * ax
         whole = self.friction * friction * load
-        used = min(abs(ax) * load / G, math.sqrt(1.0 - LEAST_CAPACITY**2) * whole)
+        used = min(abs(ax) * load / G, MOST_USED * whole)
         capacity = math.sqrt(whole**2 - used**2)
         force, slope, over_capacity = tyre_force(tan_alpha, self.C, capacity)
         over_friction = over_capacity * whole / capacity * self.friction * load
@@ -64,7 +64,6 @@ class WheelPlace(NamedTuple):
     driven: bool
 
 
-@lru_cache(maxsize=8)
 def axles(car: Vehicle) -> tuple[Axle, Axle]:
     """Return front and rear axle."""
     m, length, h = car.mass_kg, car.front_m + car.rear_m, car.cog_height_m
@@ -77,7 +76,6 @@ def axles(car: Vehicle) -> tuple[Axle, Axle]:
     )  # fmt: skip
 
 
-@lru_cache(maxsize=8)
 def wheels(car: Vehicle) -> tuple[WheelPlace, ...]:
     """Return the wheels in the order of WHEELS."""
     front_drive = car.drive_front_share > 0.5

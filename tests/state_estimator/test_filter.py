@@ -238,7 +238,7 @@ def test_a_car_that_stands_keeps_its_heading_when_the_filter_begins_anew():
 def test_a_state_that_is_no_number_is_begun_anew_with_the_same_message():
     messages = readings(track(0.02, 2.0))
     estimator, before = estimate(messages[:1000])
-    estimator._x[3] = np.nan
+    estimator._now.x[3] = np.nan
     after = [result for m in messages[1000:] if (result := estimator.update(m.value))]
     assert (estimator.resets, len(before) + len(after)) == (1, len(estimate(messages)[1]))
     assert np.isfinite(np.array([r.state[1:] for r in after])).all()

@@ -19,10 +19,12 @@ from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import WHEELS, Chassis, Gnss, Imu
 from node_runtime.parameters import Range, Struct
 from vehicle_plant.car import Car
-from vehicle_plant.state import Trajectory
+from vehicle_plant.state import Trajectory, join_trajectories
 
 TOPICS = INERTIAL, CHASSIS, GNSS = '/sensors/inertial', '/sensors/chassis', '/sensors/gnss'
 MS = 1_000_000  # ns
+# of the trajectory, what an IMU feels
+FELT = 'acceleration.ax', 'acceleration.ay', 'ride.phi', 'ride.theta', 'planar.r', 'ride.p'
 STANDSTILL_S = 0.5  # without a tooth: a wheel stands
 # streams of random numbers, independent of each other
 OF_DRIVE, OF_IMU, OF_CHASSIS, OF_RECEIVER, OF_OUTAGE = range(5)
@@ -85,26 +87,32 @@ class Sensors:
 
     def __init__(self, params: SensorParams, car: Car, seed: int, start: Trajectory):
         """Begin at a trajectory of one row: the car came there at constant velocity."""
-        self._p, self._gravity, self._seed = params, car.body.gravity_mps2, seed
+        self._p, self._gravity = params, car.body.gravity_mps2
+        self._generator = np.random.Generator(np.random.Philox(key=seed))
+        self._philox_state = self._generator.bit_generator.state
         self._tooth = 2 * math.pi / params.chassis.teeth
         self._start_ns = int(start.stamp_ns[0])
         n = self._normal(OF_DRIVE, 0, 12)
-        imu, chassis = params.imu, params.chassis
-        scale = np.array([imu.acceleration_bias_mps2] * 2 + [imu.rate_bias_radps] * 2)
-        self._bias = scale * n[:4]
+        imu, chassis, receiver = params.imu, params.chassis, params.receiver
+        periods_ms = imu.period_ms, chassis.period_ms, receiver.period_ms, receiver.latency_ms
+        self._step_ns = math.gcd(*periods_ms) * MS  # in between nothing is measured or arrives
+        self._bias = np.repeat([imu.acceleration_bias_mps2, imu.rate_bias_radps], 2) * n[:4]
+        root_s = math.sqrt(imu.period_ms / 1000)
+        self._bias_walk = np.repeat([imu.acceleration_walk, imu.rate_walk], 2) * root_s
+        self._imu_noise = np.repeat([imu.acceleration_noise, imu.rate_noise], 2) / root_s
         self._steer_bias = chassis.steer_bias_rad * n[4]
         # as a control unit sees it, which divides by the radius that it knows
-        self._spin_scale = 1 + chassis.radius_error * n[5:9]
-        self._drift = params.receiver.position_drift_m * n[9:11]
+        self._spin_scale = (1 + chassis.radius_error * n[5:9]).tolist()
+        self._drift = receiver.position_drift_m * n[9:11]
         self._omega = self._spins(start)[0]
         self._angle = self._tooth * np.random.default_rng((seed, self._start_ns)).random(4)
-        self._teeth = np.zeros(4)
         back = np.divide(self._angle, self._omega, out=np.zeros(4), where=self._omega != 0)
         self._edge_ns = self._start_ns - NS_PER_S * np.minimum(np.abs(back), 1.0)
-        self._reported = self._teeth, self._edge_ns, self._omega
+        self._reported = [0.0] * 4, self._edge_ns.tolist(), self._omega.tolist()
         self._late: deque[tuple[int, Gnss]] = deque()  # arrival and fix
         self._last_ns = self._start_ns - 1
         self._newest: list[Reading] = []
+        self._waiting: list[Trajectory] = []  # rows since the last message
 
     def measure(self, trajectory: Trajectory) -> list[Reading]:
         """Return the messages that arrive during consecutive rows, in order of arrival.
@@ -113,51 +121,64 @@ class Sensors:
         """
         if trajectory.stamp_ns[-1] <= self._last_ns:
             return self._newest
-        teeth, edges_ns = self._pass_teeth(trajectory)
-        readings = []
-        p, states = self._p, trajectory.state_columns()
-        for i, ns in enumerate(trajectory.stamp_ns.tolist()):
-            arrived = [*self._receive(ns, [column[i] for column in states[1:]])]
+        stamps = trajectory.stamp_ns
+        is_due = (stamps % self._step_ns == 0) | (stamps == self._start_ns)
+        self._last_ns, self._newest = int(stamps[-1]), []
+        self._waiting.append(trajectory)
+        if not is_due.any():
+            return []
+        whole, self._waiting = join_trajectories(self._waiting), []
+        teeth, edges_ns = self._pass_teeth(whole)
+        steers = whole.column('servos.steer.position')
+        felt = np.column_stack([whole.column(name) for name in FELT])
+        p, readings = self._p, []
+        for i in (len(whole.rows) - len(stamps) + np.flatnonzero(is_due)).tolist():
+            ns = int(whole.stamp_ns[i])
+            arrived = [*self._receive(ns, whole.where(slice(i, i + 1)))]
             begins = ns == self._start_ns  # with a message of each sensor
             if begins or ns % (p.chassis.period_ms * MS) == 0:
-                steer = trajectory.column('servos.steer.position')[i]
-                arrived.append(self._chassis(ns, steer, teeth[i], edges_ns[i]))
+                passed = teeth[i].tolist(), edges_ns[i].tolist()
+                arrived.append(self._chassis(ns, float(steers[i]), *passed))
             if begins or ns % (p.imu.period_ms * MS) == 0:
-                arrived.append(self._imu(ns, trajectory, i))
+                arrived.append(self._imu(ns, *felt[i].tolist()))
             readings += arrived
-        self._last_ns, self._newest = ns, arrived
+            if ns == self._last_ns:
+                self._newest = arrived
         return readings
 
-    def _imu(self, ns, trajectory, i):
+    def _imu(self, ns, ax, ay, phi, theta, r, roll):
         """Measure in the axes of the body: roll phi lifts its left side, pitch theta its rear."""
-        p, period_s = self._p.imu, self._p.imu.period_ms / 1000
-        names = 'acceleration.ax', 'acceleration.ay', 'ride.phi', 'ride.theta', 'planar.r', 'ride.p'
-        ax, ay, phi, theta, r, roll = (float(trajectory.column(name)[i]) for name in names)
         n, g = self._normal(OF_IMU, ns, 8), self._gravity
-        walk = np.array([p.acceleration_walk] * 2 + [p.rate_walk] * 2) * math.sqrt(period_s)
-        noise = np.array([p.acceleration_noise] * 2 + [p.rate_noise] * 2) / math.sqrt(period_s)
-        self._bias = self._bias + walk * n[:4]
+        self._bias = self._bias + self._bias_walk * n[:4]
         true = (
             ax * math.cos(theta) - g * math.sin(theta),
             ay * math.cos(phi) + g * math.sin(phi),
             r,
             roll,
         )
-        return Reading(INERTIAL, Imu(ns, *(true + self._bias + noise * n[4:]).tolist()))
+        return Reading(INERTIAL, Imu(ns, *(true + self._bias + self._imu_noise * n[4:]).tolist()))
 
-    def _chassis(self, ns, steer, teeth, edge_ns):
+    def _chassis(self, ns, steer, teeth, edges_ns):
         p = self._p.chassis
-        delta = steer + self._steer_bias + p.steer_noise_rad * self._normal(OF_CHASSIS, ns, 1)[0]
+        noise = p.steer_noise_rad * float(self._normal(OF_CHASSIS, ns, 1)[0])
+        delta = steer + self._steer_bias + noise
         if p.steer_step_rad:
             delta = p.steer_step_rad * round(delta / p.steer_step_rad)
-        before, before_ns, omega = self._reported
-        passed, since_s = teeth - before, np.maximum(edge_ns - before_ns, 1.0) / NS_PER_S
-        waiting_s = np.maximum(ns - edge_ns, 1.0) / NS_PER_S
-        most = np.where(waiting_s < STANDSTILL_S, self._tooth / waiting_s, 0.0)
-        omega = np.where(passed != 0, passed * self._tooth / since_s, np.clip(omega, -most, most))
-        self._reported = teeth, edge_ns, omega
-        measured = tuple((omega * self._spin_scale).tolist())
+        wheels = zip(teeth, edges_ns, *self._reported)
+        omegas = [self._measure_spin(ns, *wheel) for wheel in wheels]
+        self._reported = teeth, edges_ns, omegas
+        measured = tuple(omega * scale for omega, scale in zip(omegas, self._spin_scale))
         return Reading(CHASSIS, Chassis(ns, float(delta), measured))
+
+    def _measure_spin(self, ns, teeth, edge_ns, teeth_before, edge_before_ns, omega_before):
+        passed = teeth - teeth_before
+        if passed:
+            return passed * self._tooth / (max(edge_ns - edge_before_ns, 1.0) / NS_PER_S)
+        waiting_s = max(ns - edge_ns, 1.0) / NS_PER_S
+        if waiting_s >= STANDSTILL_S:
+            return 0.0
+        most = self._tooth / waiting_s
+        return min(max(omega_before, -most), most)
 
     def _pass_teeth(self, trajectory):
         """Return the teeth that have passed and when the last one did, (n, 4) each."""
@@ -177,29 +198,27 @@ class Sensors:
         self._edge_ns = edges_ns[-1]
         return teeth[1:], edges_ns
 
-    def _receive(self, ns, state):
+    def _receive(self, ns, row):
         """Take a fix where one is due, and yield those that arrive now."""
         p = self._p.receiver
         latency_ns = p.latency_ms * MS
         if ns == self._start_ns:
-            X, Y, psi, vx, vy, _ = state
-            back_s = p.latency_ms / 1000
-            dX, dY = _to_map(psi, vx, vy)
-            before = X - dX * back_s, Y - dY * back_s, psi, vx, vy, 0.0
+            (state,), back_s = row.states(), p.latency_ms / 1000
+            dX, dY = _to_map(state)
+            before = state._replace(X=state.X - dX * back_s, Y=state.Y - dY * back_s)
             self._late.append((ns, self._fix(ns - latency_ns, before)))
         elif ns % (p.period_ms * MS) == 0:
             self._drift = self._next_drift(ns)
             slot = ns // round(p.outage_s * NS_PER_S)
             if self._uniform(OF_OUTAGE, slot) >= p.outage:
-                self._late.append((ns + latency_ns, self._fix(ns, state)))
+                self._late.append((ns + latency_ns, self._fix(ns, *row.states())))
         while self._late and self._late[0][0] <= ns:
             yield Reading(GNSS, self._late.popleft()[1])
 
     def _fix(self, ns, state):
         p, n = self._p.receiver, self._normal(OF_RECEIVER, ns, 4)
-        X, Y, psi, vx, vy, _ = state
-        dX, dY = _to_map(psi, vx, vy)
-        position = np.array([X, Y]) + self._drift + p.position_noise_m * n[:2]
+        dX, dY = _to_map(state)
+        position = np.array([state.X, state.Y]) + self._drift + p.position_noise_m * n[:2]
         velocity = np.array([dX, dY]) + p.velocity_noise_mps * n[2:]
         return Gnss(ns, *position.tolist(), *velocity.tolist())
 
@@ -207,23 +226,30 @@ class Sensors:
         """Return the next value of a Gauss-Markov process of first order."""
         p = self._p.receiver
         kept = math.exp(-p.period_ms / 1000 / p.drift_s)
-        n = self._normal(OF_RECEIVER, -ns, 2)
+        # beside those of the fix; recordings have the numbers of the rounded instant
+        n = self._normal(OF_RECEIVER, int(float(2**64 - ns)), 2)
         return kept * self._drift + math.sqrt(1 - kept**2) * p.position_drift_m * n
 
     def _spins(self, trajectory):
         return np.column_stack([trajectory.column(f'wheels.{w}.omega') for w in WHEELS])
 
     def _normal(self, stream, instant, n):
-        return self._generator(stream, instant).standard_normal(n)
+        return self._seeded(stream, instant).standard_normal(n)
 
     def _uniform(self, stream, instant):
-        return self._generator(stream, instant).random()
+        return self._seeded(stream, instant).random()
 
-    def _generator(self, stream, instant):
-        """Return a counter-based generator: its numbers are a function of the arguments."""
-        counter = (0, stream, instant % 2**64, 0)
-        return np.random.Generator(np.random.Philox(key=self._seed, counter=counter))
+    def _seeded(self, stream, instant):
+        """Return the generator, whose next numbers are a function of seed and arguments.
+
+        It is counter-based; another counter costs a tenth of another generator.
+        """
+        counter = self._philox_state['state']['counter']
+        counter[1], counter[2] = stream, instant
+        self._generator.bit_generator.state = self._philox_state
+        return self._generator
 
 
-def _to_map(psi, vx, vy):
+def _to_map(state):
+    psi, vx, vy = state.psi, state.vx, state.vy
     return vx * math.cos(psi) - vy * math.sin(psi), vx * math.sin(psi) + vy * math.cos(psi)
