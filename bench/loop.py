@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -57,6 +58,7 @@ OBSTACLES = (1, 5, 10, 20, 50)
 LORRY_DISCS = tuple(2.1 * k for k in range(8))  # m
 TURN_M, TURN_RADIUS_M, TURNS, SPACING_M = 60.0, 80.0, 8, 20.0
 CROWD_TICKS = 300
+GRADE = 'automotive'  # of sensors
 
 
 def answered(controller: Controller, record: TickRecord) -> tuple[float, ...]:
@@ -208,22 +210,34 @@ def measure_obstacles() -> str:
     return markdown('A tick of mpcc_road by the number of obstacles', columns, rows)
 
 
+def measure_sensors() -> str:
+    """Return the table of drives in process by the true state and by sensors, alternately."""
+    rows, sensors = [], {'plant': {'sensors': f'sensors_{GRADE}.yaml'}}
+    for name in (CONTROLLERS[0], 'mpcc_road'):
+        setups = [simulation.prepare(SCENARIO, name, settings) for settings in ({}, sensors)]
+        calls = [partial(simulation.run, setup, explain=False) for setup in setups]
+        times = np.median([[cpu_s(call) for call in calls] for _ in range(REPEATS)], axis=0)
+        rows.append((name, *map(number, MS * times), number(times[1] / times[0])))
+    heads = ('controller', 'true state, cpu ms', f'{GRADE} sensors, cpu ms', 'ratio')
+    return markdown('A drive with sensors and estimator, brief', heads, rows)
+
+
 def measure_ring() -> str:
     """Return the table of the wall time of the node graph in lockstep, recorded."""
-    with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, '-m', 'experiments.cli', 'run', SCENARIO]
-        command += ['--controller', CONTROLLERS[0], '--out', folder]
-        began = time.perf_counter()
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-        wall_s = time.perf_counter() - began
-        bag = read.load(Path(folder) / SCENARIO / CONTROLLERS[0])
-        period_ms = bag_summary.timing_report(bag)['interval_ms']['mean']
-    rows = [
-        ('mean wall time per tick, ms', number(period_ms)),
-        ('x real time', number(TICK_S * MS / period_ms)),
-        ('`experiments run`, s', number(wall_s)),
-    ]
-    return markdown('The node graph in lockstep, recorded', ('', 'mpcc'), rows)
+    rows = []
+    for sensors in ((), ('--sensors', GRADE)):
+        with tempfile.TemporaryDirectory() as folder:
+            command = [sys.executable, '-m', 'experiments.cli', 'run', SCENARIO, *sensors]
+            command += ['--controller', CONTROLLERS[0], '--out', folder]
+            began = time.perf_counter()
+            subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+            wall_s = time.perf_counter() - began
+            bag = read.load(Path(folder) / SCENARIO / CONTROLLERS[0])
+            period_ms = bag_summary.timing_report(bag)['interval_ms']['mean']
+        what = ' '.join(('mpcc', *sensors))
+        rows.append((what, *map(number, (period_ms, TICK_S * MS / period_ms, wall_s))))
+    heads = ('', 'mean wall time per tick, ms', 'x real time', '`experiments run`, s')
+    return markdown('The node graph in lockstep, recorded', heads, rows)
 
 
 def measure_cars(plant: str, cars: list[str]) -> str:
@@ -267,7 +281,7 @@ def main() -> None:
         print(measure_cars(options.cars[0], options.cars[1:]))
         return
     about = ', '.join(f'{key} {value}' for key, value in machine.named().items())
-    tables = [*measure_drives(), measure_parallel()]
+    tables = [*measure_drives(), measure_parallel(), measure_sensors()]
     tables += [measure_lengths(), measure_obstacles()] if options.scaling else []
     tables += [measure_ring()] if options.ring else []
     print('\n'.join(tables))

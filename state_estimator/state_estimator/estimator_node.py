@@ -104,7 +104,7 @@ class EstimatorNode(ManagedNode):
         if self.odometry_pub is None:
             self.odometry_pub, self.is_connected = ros.TemplatePublisher(self, ODOMETRY), False
             self.odometry_pub.publisher.on_activate(None)  # the node is active already
-        self.is_connected |= not ros.missing_subscriptions(self, {ODOMETRY: 1})
+        self.is_connected = self.is_connected or not ros.missing_subscriptions(self, {ODOMETRY: 1})
         if self.is_connected:
             self.odometry_pub.publish(self.pending.as_message())
             self.pending = None

@@ -172,6 +172,7 @@ class PlantNode(ManagedNode):
 
     def publish(self, trajectory):
         """Publish every row of a trajectory; on each topic in the order of time."""
+        self.publish_sensors(trajectory)  # first: an estimator works while the rest is published
         for state, actuators in zip(trajectory.states(), trajectory.actuators()):
             self.odometry_pub.publish(state)
             self.actuators_pub.publish(actuators)
@@ -180,7 +181,6 @@ class PlantNode(ManagedNode):
         for imu, wheels in zip(slow.imu(), slow.wheels()):
             self.imu_pub.publish(imu)
             self.wheels_pub.publish(wheels)
-        self.publish_sensors(trajectory)
         self.frames.publish(trajectory)
 
     def publish_sensors(self, trajectory):

@@ -134,7 +134,7 @@ class Sensors:
         p, readings = self._p, []
         for i in (len(whole.rows) - len(stamps) + np.flatnonzero(is_due)).tolist():
             ns = int(whole.stamp_ns[i])
-            arrived = [*self._receive(ns, whole.where(slice(i, i + 1)))]
+            arrived = [*self._receive(ns, whole, i)]
             begins = ns == self._start_ns  # with a message of each sensor
             if begins or ns % (p.chassis.period_ms * MS) == 0:
                 passed = teeth[i].tolist(), edges_ns[i].tolist()
@@ -198,12 +198,12 @@ class Sensors:
         self._edge_ns = edges_ns[-1]
         return teeth[1:], edges_ns
 
-    def _receive(self, ns, row):
+    def _receive(self, ns, trajectory, i):
         """Take a fix where one is due, and yield those that arrive now."""
         p = self._p.receiver
         latency_ns = p.latency_ms * MS
         if ns == self._start_ns:
-            (state,), back_s = row.states(), p.latency_ms / 1000
+            state, back_s = trajectory.state(i), p.latency_ms / 1000
             dX, dY = _to_map(state)
             before = state._replace(X=state.X - dX * back_s, Y=state.Y - dY * back_s)
             self._late.append((ns, self._fix(ns - latency_ns, before)))
@@ -211,7 +211,7 @@ class Sensors:
             self._drift = self._next_drift(ns)
             slot = ns // round(p.outage_s * NS_PER_S)
             if self._uniform(OF_OUTAGE, slot) >= p.outage:
-                self._late.append((ns + latency_ns, self._fix(ns, *row.states())))
+                self._late.append((ns + latency_ns, self._fix(ns, trajectory.state(i))))
         while self._late and self._late[0][0] <= ns:
             yield Reading(GNSS, self._late.popleft()[1])
 

@@ -172,6 +172,10 @@ class Trajectory(NamedTuple):
         fields['alpha'] = np.arctan(fields['alpha'])
         return Wheels(self.stamp_ns, **fields)
 
+    def state(self, i: int) -> VehicleState:
+        """Return the message value of `state_columns` of a row."""
+        return self.where(slice(i, i + 1)).states()[0]
+
     def states(self) -> list[VehicleState]:
         """Return the message values of `state_columns`, one per row."""
         return _rows(self.state_columns())
