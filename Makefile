@@ -92,7 +92,7 @@ $(VENV)/.packages: $(VENV)/.requirements $(MANIFESTS)
 
 # a warning is an error, and every one is shown: dead links, pages in no table of contents
 docs: setup $(VENV)/.docs
-	@echo 'Building the site (about 1.5 minutes, silent); meanwhile: docs/quickstart.md'
+	@echo 'Building the site (about 1.5 minutes, silent); meanwhile: docs/tutorials/01_first_run.md'
 	$(BIN)/python -m sphinx --jobs auto --fail-on-warning --keep-going --quiet docs build/docs/html
 	@echo "build/docs/html/index.html"
 
