@@ -44,8 +44,8 @@ OUTCOMES = (
 PARTS = ('dynamics', 'constraints', 'cost')  # as in riccati_c/stages.h
 # the fields of Call in riccati_c/workspace.h
 ARRAYS = (
-    'x0', 'P', 'x_low', 'x_high', 'u_low', 'u_high', 'g_low', 'g_high', 'h_low', 'h_high',
-    'X', 'U', 'm_x', 'm_u', 'm_dynamics', 'm_g', 'm_h',
+    'x0', 'P', 'x_low', 'u_low', 'g_low', 'h_low', 'x_high', 'u_high', 'g_high', 'h_high',
+    'X', 'U', 'm_x', 'm_u', 'm_g', 'm_h', 'm_dynamics',
 )  # fmt: skip
 DOUBLES = ('tolerance', 'time_limit', 'warm_mu', 'step_residual', 'step_decrease')
 DOUBLES += ('cost', 'primal_residual', 'dual_residual')
