@@ -16,7 +16,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -51,9 +51,9 @@ def _compute():
         sum(range(100_000))
 
 
-def drive(out: Path) -> read.Bag:
+def drive(out: Path, scenario: str = 'straight', settings: Sequence[str] = ()) -> read.Bag:
     """Drive once in lockstep; return the bag. Raises RuntimeError for a run without one."""
-    request = run_and_compare.Request('straight', ['mpcc'], 'lockstep', out, (), 900.0)
+    request = run_and_compare.Request(scenario, ['mpcc'], 'lockstep', out, settings, 900.0)
     _, [outcome] = run_and_compare.run_controllers(request, Console(quiet=True))
     if outcome.bag is None:
         raise RuntimeError(outcome.message)
