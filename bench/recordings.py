@@ -58,7 +58,7 @@ class GraphMessages:
         sent, self._topics = driven(), []
         for index, (name, topic) in enumerate(contract.load().topics.items()):
             rate_hz = MS_PER_S if every_ms and name in STATE else topic.rate_hz[mode]
-            if rate_hz and sent.recordings[name].payloads:
+            if rate_hz and name != ros.HEALTH and sent.recordings[name].payloads:
                 own = read.values(sent, name) if name in MARKERS else sent.recordings[name].payloads
                 self._topics.append((index, round(MS_PER_S / rate_hz), MARKERS.get(name), own))
 
@@ -197,8 +197,8 @@ def recording(folder: Path, mode: str, every_ms: bool) -> dict[str, float]:
 
 
 def _of_contract(bag):
-    """Return what was sent here: the log and the transitions of nodes are in a bag, too."""
-    return [bag.recordings[name] for name in contract.load().topics]
+    """Return what was sent here: the recorder has a health, a log and transitions of its own."""
+    return [bag.recordings[name] for name in contract.load().topics if name != ros.HEALTH]
 
 
 def playing(folder: Path) -> dict[str, float]:

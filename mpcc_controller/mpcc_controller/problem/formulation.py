@@ -16,6 +16,7 @@ from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import FORMULATIONS, INTEGRATED, PROJECTED, ControllerParams
 from mpcc_controller.path import reference_path
 from mpcc_controller.path.arc import Arc
+from mpcc_controller.path.distance import Disc
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import cost_terms, stage_parameters
 from mpcc_controller.problem.cost_terms import CostTerm
@@ -129,7 +130,7 @@ def symbolic_ocp(
         least_speed='least_speed',
         v_ref='v_ref',
         edges=rules.frame.edges,
-        obstacles=(rules.frame.disc,) * obstacles,
+        obstacles=(Disc(*Disc._fields),) * obstacles,
         **dict(kind.template),
     )
     return SymbolicOcp(

@@ -15,9 +15,10 @@ from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.path import frenet_frame
 from mpcc_controller.path.arc import Arc
+from mpcc_controller.path.distance import Circle
 from mpcc_controller.path.frenet_frame import FrenetPoint
 from mpcc_controller.path.reference_path import ReferencePath
-from mpcc_controller.problem import cost_terms, ocp
+from mpcc_controller.problem import cost_terms, distance_frame, ocp
 from mpcc_controller.problem.cost_terms import StageQuantities
 from mpcc_controller.problem.formulation import Formulation
 from mpcc_controller.problem.ocp import Constraints, Rules
@@ -65,8 +66,8 @@ def rates(x: FrenetState, u: Input, p: FrenetStage) -> FrenetState:
 
 def quantities(x: FrenetState, u: Input | None, p: FrenetStage, rules: Rules) -> StageQuantities:
     """Return what the squared errors of a stage are computed from."""
-    points = [point_ahead(x, offset) for offset in p.body.offsets]
-    v2o, v2e = frenet_frame.distances(points, p)
+    circles = [Circle(*point_ahead(x, offset), p.body.radius) for offset in p.body.offsets]
+    v2o, v2e = distance_frame.distances(circles, p, frenet_frame.v2e)
     errors = FrenetErrors(x.e, x.dpsi)
     return StageQuantities(x, u, p, errors, x.dpsi, v2o, v2e, rules.priority)
 
