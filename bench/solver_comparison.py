@@ -8,7 +8,6 @@ step per tick (`one_step`).
 """
 
 import argparse
-import gc
 import os
 import tempfile
 import time
@@ -35,10 +34,10 @@ from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.problem import formulation, ocp, stage_parameters
 from stage_solver import compiled_functions, reference_solvers, solver
-from stage_solver.reference_solvers import ReferenceSolver
-from stage_solver.solution import SolverOptions
+from stage_solver.reference_solvers import ReferenceSolver, solve_in_turn
+from stage_solver.solution import Solution, SolverOptions
 from stage_solver.solver import StageSolver
-from stage_solver.stage_problem import Plan, StageProblem
+from stage_solver.stage_problem import StageProblem
 
 FULL_PASSES, QUICK_PASSES = 3, 2
 COLD_EVERY = 5  # problems
@@ -83,14 +82,6 @@ class Variant(NamedTuple):
         return ReferenceSolver(problem, self.reference, self.options, True, self.flags)
 
 
-class Answer(NamedTuple):
-    """The answer of a solver to a task, without the cost and residual that it reports."""
-
-    plan: Plan
-    iterations: int
-    message: str
-
-
 def available(params: ControllerParams) -> list[Variant]:
     """Return the available variants, ours first."""
     stepping = closed_loops.with_solver(params, mode='one_step')
@@ -104,41 +95,10 @@ def available(params: ControllerParams) -> list[Variant]:
     return variants
 
 
-def run(
-    solvers: dict[str, StageSolver], given: dict[str, list[Task]], passes: int
-) -> tuple[dict[str, list[Answer]], dict[str, np.ndarray]]:
-    """Solve all tasks `passes` times, the solvers in turn.
-
-    Returns by label the answers of the last pass and the times [s], (passes, tasks). A busy machine
-    slows all solvers alike.
-    """
-    count = len(next(iter(given.values())))
-    seconds = {label: np.full((passes, count), np.nan) for label in solvers}
-    answers = {label: [None] * count for label in solvers}
-    order = list(solvers)
-    gc.collect()
-    gc.disable()
-    try:
-        for a_pass in range(passes):
-            for j in range(count):
-                # no solver always runs after the same one, with the CPU caches of this one
-                order = order[1:] + order[:1]
-                for label in order:
-                    arguments = given[label][j][1:]
-                    began = time.perf_counter()
-                    solution = solvers[label].solve(*arguments)
-                    seconds[label][a_pass, j] = time.perf_counter() - began
-                    plan = Plan(solution.plan.X, solution.plan.U)
-                    answers[label][j] = Answer(plan, solution.iterations, solution.message)
-    finally:
-        gc.enable()
-    return answers, seconds
-
-
 def table_of(
     label: str,
     tasks: list[Task],
-    answers: list[Answer],
+    answers: list[Solution],
     assessments: list[Assessment],
     in_turn: np.ndarray,
     alone: np.ndarray,
@@ -239,11 +199,11 @@ def compare(
         label: problems.tasks(problem, given, params.fallback, one, COLD_EVERY)
         for label, one in track(solvers.items(), description='making warm starts')
     }
-    answers, in_turn = run(solvers, tasks, passes)
-    alone = {
-        label: run({label: one}, {label: tasks[label]}, passes)[1][label]
-        for label, one in track(solvers.items(), description='solving, each alone')
-    }
+    arguments = {label: [task[1:] for task in own] for label, own in tasks.items()}
+    answers, in_turn = solve_in_turn(solvers, arguments, passes)
+    alone = {}
+    for label, one in track(solvers.items(), description='solving, each alone'):
+        alone |= solve_in_turn({label: one}, {label: arguments[label]}, passes)[1]
     assessor, tables = Assessor(problem), []
     for label, own in track(tasks.items(), description='assessing'):
         quality = [assessor.assess(task, one.plan) for task, one in zip(own, answers[label])]

@@ -6,7 +6,11 @@ https://arxiv.org/abs/2303.16746); IPOPT is by Waechter & Biegler (2006). Neithe
 here, and fatrop may raise its inertia correction without end where derivatives are extreme.
 """
 
+import gc
+import itertools
 import math
+import time
+from collections.abc import Mapping, Sequence
 
 import casadi as ca
 import numpy as np
@@ -115,6 +119,32 @@ class ReferenceSolver:
         scale_x, scale_u = self._scales
         x, u = self._unpack(lam_v, 1 / scale_x, 1 / scale_u)
         return Multipliers(x, u, dynamics / scale_x, g, lam_g[end:])
+
+
+def solve_in_turn(
+    solvers: Mapping[str, object], arguments: Mapping[str, Sequence[tuple]], passes: int
+) -> tuple[dict[str, list[Solution]], dict[str, np.ndarray]]:
+    """Solve the n tasks of every solver `passes` times, all by their labels.
+
+    Returns the solutions of the last pass and the wall times [s], (passes, n), around the calls.
+    The solvers take turns, task by task: a busy machine slows all of them alike, and none always
+    follows the same one, with the processor's caches of that.
+    """
+    count, order = len(next(iter(arguments.values()))), list(solvers)
+    seconds = {label: np.zeros((passes, count)) for label in solvers}
+    solutions = {label: [None] * count for label in solvers}
+    gc.collect()
+    gc.disable()  # no collection within a measured call
+    try:
+        for a_pass, i in itertools.product(range(passes), range(count)):
+            order = order[1:] + order[:1]
+            for label in order:
+                began = time.perf_counter()
+                solutions[label][i] = solvers[label].solve(*arguments[label][i])
+                seconds[label][a_pass, i] = time.perf_counter() - began
+    finally:
+        gc.enable()
+    return solutions, seconds
 
 
 def _nlp(problem):

@@ -6,8 +6,7 @@ import numpy as np
 
 from msgs_yaml.types import WHEELS, Actuators, Command, VehicleState
 from vehicle_plant import integrator
-from vehicle_plant.actuator_faults import ActuatorFaults
-from vehicle_plant.actuators import DelayLine, SetPointRamp, delay_steps
+from vehicle_plant.actuators import ActuatorFaults, DelayLine, SetPointRamp, delay_steps
 from vehicle_plant.car import FaultParams, MultiBodyParams
 from vehicle_plant.gate import NS_PER_S, Gate, Verdict
 from vehicle_plant.initial_state import Start
