@@ -17,7 +17,7 @@ import numpy as np
 
 from stage_solver import riccati_codegen, stage_problem
 from stage_solver.compiled_functions import FLAGS, BufferedFunction, compile_functions
-from stage_solver.solution import FAILED, SOLVED, STOPPED_EARLY, Solution, SolverOptions, Stopwatch
+from stage_solver.solution import FAILED, SOLVED, STOPPED_EARLY, Solution, SolverOptions, stopwatch
 from stage_solver.stage_problem import Bounds, Multipliers, Plan, StageProblem
 
 NAMES = ('fatrop', 'ipopt')
@@ -61,7 +61,7 @@ class ReferenceSolver:
 
     def solve(self, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan) -> Solution:
         """Return the solution; the arguments are those of `StageSolver.solve`."""
-        stopwatch = Stopwatch()
+        times = stopwatch()
         stage_problem.check_shapes(self._problem, x0, P, bounds, guess)
         guess = Plan(np.vstack([x0, guess.X[1:]]), np.asarray(guess.U))
         message = stage_problem.find_invalid_argument(self._problem, x0, P, bounds, guess)
@@ -70,8 +70,7 @@ class ReferenceSolver:
         if not message and not (np.isfinite(float(f)) and np.isfinite(g.full()).all()):
             message = 'a function of the problem is not finite at the guess'
         if message:
-            times = stopwatch.times()
-            return Solution(guess, math.nan, FAILED, message, 0, math.inf, math.inf, **times)
+            return Solution(guess, math.nan, FAILED, message, 0, math.inf, math.inf, **times())
         fixed = np.zeros((self._problem.horizon, self._problem.nx))
         lbg, ubg = (
             np.concatenate([np.hstack([fixed, limits]).ravel(), last])
@@ -101,7 +100,7 @@ class ReferenceSolver:
             primal_residual=float(np.maximum(violation, 0.0)),  # not max(): it takes NaN for 0
             # the first state is fixed: the gradient with respect to it has no meaning
             dual_residual=float(np.max(np.abs((slope + lam_v)[self._problem.nx :]))),
-            **stopwatch.times(),
+            **times(),
         )
 
     def _pack(self, X, U):

@@ -16,7 +16,7 @@ from stage_solver.solution import (
     STOPPED_EARLY,
     Solution,
     SolverOptions,
-    Stopwatch,
+    stopwatch,
 )
 from stage_solver.stage_problem import Bounds, Multipliers, Plan, StageProblem
 
@@ -129,7 +129,7 @@ class StageSolver:
         A guess with multipliers is a warm start. Raises ProblemError when an array has the wrong
         shape.
         """
-        stopwatch = Stopwatch()
+        times = stopwatch()
         stage_problem.check_shapes(self._problem, x0, P, bounds, guess)
         arrays, call = self._arrays, self._call
         values = {'x0': x0, 'P': P, 'X': guess.X, 'U': guess.U} | bounds._asdict()
@@ -157,7 +157,7 @@ class StageSolver:
             iterations=call.iterations,
             primal_residual=call.primal_residual,
             dual_residual=call.dual_residual,
-            **stopwatch.times(),
+            **times(),
         )
 
     def set_time_limit(self, seconds: float) -> None:

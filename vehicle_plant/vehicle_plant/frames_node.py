@@ -13,7 +13,7 @@ from msgs_yaml import contract, conversions, encode
 from node_runtime import ros
 from vehicle_plant import robot_description
 from vehicle_plant.car import Car
-from vehicle_plant.state import Trajectory
+from vehicle_plant.state import Trajectory, messages
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -64,7 +64,7 @@ class FramesPublisher:
                 self._due_ns = stamp_ns + self._period_ns
         due = trajectory.where(is_due)
         moving = [frame for frame in self._car_frames if frame.is_steered]
-        for state, actuators in zip(due.states(), due.actuators()):
+        for state, actuators in zip(*map(messages, (due.state_columns(), due.actuator_columns()))):
             wheels = [_mounted(frame, state.stamp_ns, actuators.delta) for frame in moving]
             self.tf_pub.publish(TFMessage(transforms=[encode.transform(state), *wheels]))
 

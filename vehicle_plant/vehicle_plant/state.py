@@ -172,25 +172,9 @@ class Trajectory(NamedTuple):
         fields['alpha'] = np.arctan(fields['alpha'])
         return Wheels(self.stamp_ns, **fields)
 
-    def states(self) -> list[VehicleState]:
-        """Return the message values of `state_columns`, one per row."""
-        return _rows(self.state_columns())
 
-    def actuators(self) -> list[Actuators]:
-        """Return the message values of `actuator_columns`, one per row."""
-        return _rows(self.actuator_columns())
-
-    def imu(self) -> list[Imu]:
-        """Return the message values of `imu_columns`, one per row."""
-        return _rows(self.imu_columns())
-
-    def wheels(self) -> list[Wheels]:
-        """Return the message values of `wheel_columns`, one per row."""
-        return _rows(self.wheel_columns())
-
-
-def _rows(columns):
-    """Return a tuple of columns (n,) or (n, 4) as n tuples of its type."""
+def messages(columns: NamedTuple) -> list:
+    """Return columns of a trajectory, (n,) or (n, 4), as n message values of their type."""
     values = [map(tuple, c.tolist()) if c.ndim > 1 else c.tolist() for c in columns]
     return [type(columns)(*row) for row in zip(*values)]
 
