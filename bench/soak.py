@@ -81,7 +81,7 @@ class Growth(NamedTuple):
     looks: int
     begin: Look
     end: Look
-    most_mb: float = MOST_MB
+    most_mb: float
 
     @property
     def grew(self) -> list[str]:
@@ -96,14 +96,8 @@ def growth(node: str, looks: list[Look], minutes: float) -> Growth:
     warm = int(min(max(WARM, FILLED_S / (60.0 * minutes)), LATEST) * n)
     columns = looks[warm : warm + few], looks[-few:]
     begin, end = (Look(*np.median(np.array(rows), axis=0).tolist()) for rows in columns)
-    return Growth(node, n, begin, end, most_mb(node, minutes))
-
-
-def most_mb(node: str, minutes: float) -> float:
-    """Return by how much the memory of a node may grow in a run of so many minutes."""
-    if minutes > SHORT_MIN:
-        return MOST_MB
-    return SHORT_MB + (BACKLOG_MB if node.split('.')[0] == KEEPS_BACKLOG else 0.0)
+    backlog_mb = BACKLOG_MB if node.split('.')[0] == KEEPS_BACKLOG else 0.0
+    return Growth(node, n, begin, end, MOST_MB if minutes > SHORT_MIN else SHORT_MB + backlog_mb)
 
 
 def soak(mode: str, minutes: float, folder: Path, domain_id: int) -> list[Growth]:
