@@ -62,20 +62,17 @@ def drive(out: Path, scenario: str = 'straight', settings: Sequence[str] = ()) -
 
 def contents(bag: read.Bag) -> dict[str, list[tuple]]:
     """Return what is recorded of each topic, without the times of the wall clock."""
-    return {
-        name: _messages(recorded)
-        for name, recorded in bag.recordings.items()
-        if recorded.topic.type not in DERIVED_TYPES
-    }
-
-
-def _messages(recorded):
-    topic = recorded.topic
-    found = [cdr.decode(payload, topic.schema, topic.type) for payload in recorded.payloads]
-    if topic.type != HEALTH:
-        return found
-    found = [_without_times(message) for message in found]
-    return sorted(found, key=lambda row: row[:2]) if topic.name == ANY_ORDER else found
+    recorded = {}
+    for name, (topic, *_, payloads) in bag.recordings.items():
+        if topic.type in DERIVED_TYPES:
+            continue
+        messages = [cdr.decode(payload, topic.schema, topic.type) for payload in payloads]
+        if topic.type == HEALTH:
+            messages = [_without_times(message) for message in messages]
+        if name == ANY_ORDER:
+            messages.sort(key=lambda row: row[:2])
+        recorded[name] = messages
+    return recorded
 
 
 def _without_times(message):

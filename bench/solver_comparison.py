@@ -93,7 +93,7 @@ class Variant(NamedTuple):
 
 def available(params: ControllerParams) -> list[Variant]:
     """Return the available variants, ours first."""
-    stepping = closed_loops.with_solver(params, mode='one_step')
+    stepping = replace(params, solver=replace(params.solver, mode='one_step'))
     one_step = tick_solvers.solver_options(stepping, limit_time=False)
     options = replace(one_step, one_step=None)
     variants = [Variant(OURS, options), Variant(ONE_STEP, one_step)]
@@ -248,7 +248,8 @@ def driven(setup: Setup, settings: dict) -> tuple[np.ndarray, ...]:
     the time of every solve between a state and its command [ms], whether it took more than one
     iteration, and the time of what was computed before each state [ms].
     """
-    setup = setup._replace(params=closed_loops.with_solver(setup.params, **settings))
+    params = setup.params
+    setup = setup._replace(params=replace(params, solver=replace(params.solver, **settings)))
     costs, prepared_s, solutions = [], [], []
     for step in simulation.steps(setup):
         memory, model = step.controller.memory, step.controller.parts.model
