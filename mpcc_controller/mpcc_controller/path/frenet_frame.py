@@ -17,6 +17,7 @@ import numpy as np
 
 from mpcc_controller.path import arc, compiled_queries, reference_path, road_edges
 from mpcc_controller.path.arc import Arc, Pose, cos, sin, sqrt
+from mpcc_controller.path.compiled_queries import call
 from mpcc_controller.path.distance import Circle, Disc, Edges
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.path.road_edges import Road
@@ -82,25 +83,17 @@ def to_frenet(path: ReferencePath, X, Y, near: float) -> FrenetPoint:
     The path continues straight before its start and past its end. A point beyond the centre of a
     bend keeps the foot at the closest pose of the path.
     """
-    compiled = compiled_queries.library()
-    X, Y = compiled_queries.row(X), compiled_queries.row(Y)
+    X, Y, table = compiled_queries.row(X), compiled_queries.row(Y), path.table
     s, e = np.empty((2, len(X)))
-    compiled.path_to_frenet(
-        path.table.shape[1], path.table.ctypes.data, path.discs.ctypes.data,
-        len(X), X.ctypes.data, Y.ctypes.data, near, s.ctypes.data, e.ctypes.data,
-    )  # fmt: skip
+    call('path_to_frenet', table.shape[1], table, path.discs, len(X), X, Y, near, s, e)
     return FrenetPoint(s, e)
 
 
 def refine(path: ReferencePath, X, Y, s) -> FrenetPoint:
     """Return the path coordinates of points (k,) from approximate values of `s` (k,)."""
-    compiled = compiled_queries.library()
     X, Y, s = compiled_queries.row(X), compiled_queries.row(Y), np.array(s, float)
     e = np.empty(len(s))
-    compiled.path_refine(
-        path.table.shape[1], path.table.ctypes.data,
-        len(s), X.ctypes.data, Y.ctypes.data, s.ctypes.data, e.ctypes.data,
-    )  # fmt: skip
+    call('path_refine', path.table.shape[1], path.table, len(s), X, Y, s, e)
     return FrenetPoint(s, e)
 
 
