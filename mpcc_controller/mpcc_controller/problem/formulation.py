@@ -120,13 +120,12 @@ def symbolic_ocp(
     kind: type[Formulation], name: str, circles: int, obstacles: int, rules: Rules
 ) -> SymbolicOcp:
     """Return a formulation in symbols for vehicle circles and obstacles of the given numbers."""
-    weights, shares = cost_terms.weights_type(rules.terms), cost_terms.limits_type(rules.terms)
     template = kind.stage(
         car=rules.car,
-        weights=weights(*weights._fields),
+        weights=cost_terms.weights(rules.terms),
         D_sft=SafetyDistance(*SafetyDistance._fields),
         body=VehicleCircles('radius', ('offset',) * circles, 'edge_radius'),
-        envelope=shares(*shares._fields),
+        envelope=cost_terms.limits(rules.terms),
         least_speed='least_speed',
         v_ref='v_ref',
         edges=rules.frame.edges,
