@@ -156,14 +156,14 @@ EXPRESSIONS = {
 }
 # functions that vector_math.h takes from the C library, lane by lane
 EXPRESSIONS |= {
-    getattr(ca, f'OP_{name.upper()}'): f'v_each(w_{name}, {{0}})'
+    getattr(ca, f'OP_{name.upper()}'): f'v_each({name}, {{0}})'
     for name in (
         *('asin', 'acos', 'sinh', 'cosh', 'asinh', 'acosh', 'atanh'),
         *('erf', 'log1p', 'expm1', 'floor', 'ceil'),
     )
 }
 EXPRESSIONS |= {
-    getattr(ca, f'OP_{name.upper()}'): f'v_each2(w_{name}, {{0}}, {{1}})'
+    getattr(ca, f'OP_{name.upper()}'): f'v_each2({name}, {{0}}, {{1}})'
     for name in ('pow', 'atan2', 'fmod', 'hypot')
 }
 EXPRESSIONS[ca.OP_CONSTPOW] = EXPRESSIONS[ca.OP_POW]
