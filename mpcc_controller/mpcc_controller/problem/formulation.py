@@ -42,10 +42,7 @@ class Formulation:
     quantities: ClassVar[Callable]  # (x, u or None, p, rules) -> StageQuantities
     constraints: ClassVar[Callable]  # (x, u, p) -> Constraints
     tuned_weights: ClassVar[tuple[str, ...]]  # parameters of the weights that tuning varies
-    distances: ClassVar[tuple[str, ...]]  # allowed values of formulation.distance
-    has_lag: ClassVar[bool]  # whether formulation.lag may be true
     integrates_theta: ClassVar[bool]  # whether model.theta may be integrated
-    has_track_centre: ClassVar[bool]  # whether the track is arcs around the centre of the road
     terms: ClassVar[Sequence[CostTerm]]
 
     def __init__(self, params: ControllerParams, car: Car):
@@ -156,7 +153,9 @@ def make(params: ControllerParams, car: Car) -> Formulation:
     """
     options = params.formulation
     kind = find(options.name)
-    if options.distance not in kind.distances or (options.lag and not kind.has_lag):
+    # others measure along the path, and take the edges at every state
+    in_map = kind.state is State
+    if not in_map and (options.distance != 'path' or options.lag):
         raise ParameterError(
             'formulation: frenet measures along the path and has no lag error; '
             "allowed with it: distance 'path' and lag false"
@@ -171,7 +170,7 @@ def make(params: ControllerParams, car: Car) -> Formulation:
         'surroundings.align_track': params.surroundings.align_track,
     }
     for name, is_on in asked.items():
-        if is_on and not kind.has_track_centre:
+        if is_on and not in_map:
             raise ParameterError(
                 f'{name}: is true, but {options.name} takes the edges of the road at every state; '
                 'allowed with it: false'

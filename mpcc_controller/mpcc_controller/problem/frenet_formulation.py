@@ -107,10 +107,7 @@ class FrenetFormulation(Formulation):
     template = (('kappa', 'kappa'),)
     rates, quantities, constraints = map(staticmethod, (rates, quantities, constraints))
     tuned_weights = (*cost_terms.TUNED, 'tolerances.heading_rad')
-    distances = ('path',)
-    has_lag = False
     integrates_theta = False
-    has_track_centre = False
     terms = cost_terms.FRENET
 
     def place(self, path: ReferencePath, x: State) -> State:

@@ -18,7 +18,6 @@ from mpcc_controller.path.arc import Arc
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import cost_terms, ocp, time_gaps
 from mpcc_controller.problem.cost_terms import CostTerm, StageQuantities
-from mpcc_controller.problem.distance_frame import FRAMES
 from mpcc_controller.problem.formulation import Formulation
 from mpcc_controller.problem.ocp import Constraints, Rules, SafetyDistance, VehicleCircles
 from mpcc_controller.problem.stage_parameters import Scene
@@ -81,9 +80,6 @@ class MpccFormulation(Formulation):
     template = (('path', ARC), ('centre', ARC), ('half_width', 'half_width'), ('leads', LEADS))
     quantities, constraints = staticmethod(quantities), staticmethod(constraints)
     tuned_weights = (*cost_terms.TUNED, 'tolerances.lag_m')
-    distances = tuple(FRAMES)
-    has_lag = True
-    has_track_centre = True
     integrates_theta = True
     terms: Sequence[CostTerm] = cost_terms.MPCC
 
