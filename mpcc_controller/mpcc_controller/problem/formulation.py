@@ -34,7 +34,6 @@ class Formulation:
     """
 
     state: ClassVar[type]  # a NamedTuple that has vx, vy, r, delta and Fx
-    scale_x: ClassVar[tuple]  # SI units per solver unit of each state
     stage: ClassVar[type]  # a NamedTuple: CONSTANTS, then what differs from stage to stage
     # of `stage`: what it has beside that of all formulations
     template: ClassVar[tuple[tuple[str, Any], ...]]
@@ -133,7 +132,6 @@ def symbolic_ocp(
         name=name,
         state=kind.state,
         template=template,
-        scale_x=kind.scale_x,
         rates=kind.rates,
         terms=rules.terms,
         quantities=partial(kind.quantities, rules=rules),

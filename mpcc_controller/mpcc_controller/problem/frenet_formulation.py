@@ -41,10 +41,6 @@ class FrenetState(NamedTuple):
     Fx: Any  # N, total longitudinal force
 
 
-# The solver's units: forces in kN, everything else in SI
-SCALE_X = FrenetState(s=1, e=1, dpsi=1, vx=1, vy=1, r=1, delta=1, Fx=1e3)
-
-
 # The parameters of one stage, as those of `mpcc_formulation.Stage`. kappa [1/m]: mean curvature of
 # the path over the step, left positive
 FrenetStage = namedtuple('FrenetStage', (*CONSTANTS, 'kappa', 'v_ref', 'edges', 'obstacles'))
@@ -103,7 +99,7 @@ def mean_curvatures(arcs: Arc) -> np.ndarray:
 class FrenetFormulation(Formulation):
     """The baseline of Brown & Gerdes; see `formulation.Formulation`."""
 
-    state, scale_x, stage = FrenetState, SCALE_X, FrenetStage
+    state, stage = FrenetState, FrenetStage
     template = (('kappa', 'kappa'),)
     rates, quantities, constraints = map(staticmethod, (rates, quantities, constraints))
     tuned_weights = (*cost_terms.TUNED, 'tolerances.heading_rad')

@@ -23,8 +23,6 @@ from mpcc_controller.problem.ocp import Constraints, Rules, SafetyDistance, Vehi
 from mpcc_controller.problem.stage_parameters import Scene
 from mpcc_controller.problem.time_gaps import STRIPS, Lead
 
-# The solver's units: forces in kN, everything else in SI
-SCALE_X = State(X=1, Y=1, psi=1, vx=1, vy=1, r=1, theta=1, delta=1, Fx=1e3)
 ARC, LEADS = Arc(*Arc._fields), (Lead(*Lead._fields),) * len(STRIPS)  # without meaning
 LEAST_EDGE_M = 0.05  # D_sft,E on the narrowest road
 
@@ -76,7 +74,7 @@ def constraints(x: State, u: Input, p: Stage) -> Constraints:
 class MpccFormulation(Formulation):
     """The paper's MPCC; see `formulation.Formulation`."""
 
-    state, scale_x, stage = State, SCALE_X, Stage
+    state, stage = State, Stage
     template = (('path', ARC), ('centre', ARC), ('half_width', 'half_width'), ('leads', LEADS))
     quantities, constraints = staticmethod(quantities), staticmethod(constraints)
     tuned_weights = (*cost_terms.TUNED, 'tolerances.lag_m')
