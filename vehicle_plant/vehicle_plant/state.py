@@ -148,9 +148,9 @@ class Trajectory(NamedTuple):
         """Return a column, (n,): `planar.vx`, `ride.phi`, `wheels.fl.omega`, `loads.rr.Fz` ..."""
         return self.rows[:, _COLUMNS[name]]
 
-    def where(self, mask: np.ndarray) -> 'Trajectory':
-        """Return the rows that a mask (n,) selects."""
-        return Trajectory(self.stamp_ns[mask], self.rows[mask])
+    def where(self, selected: np.ndarray | slice | list[int]) -> 'Trajectory':
+        """Return the rows that a mask (n,), a slice or a list of their numbers selects."""
+        return Trajectory(self.stamp_ns[selected], self.rows[selected])
 
     def state_columns(self) -> VehicleState:
         """Return the planar motion, each field (n,); the heading is wrapped to (-pi, pi]."""
