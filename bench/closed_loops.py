@@ -1,14 +1,12 @@
 """The closed loops of the solvers' benchmarks, driven in process without ROS."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 from experiments import simulation
 from experiments.decisive.arms import BY_HAND
 from experiments.simulation import Setup
-from mpcc_controller.parameters import ControllerParams
 from scenario_publisher import scenario
 
 SCENARIOS = Path(__file__).parent / 'scenarios'
@@ -63,8 +61,3 @@ def make_setup(loop: Loop) -> Setup:
     name = str(own) if own.suffix == scenario.SUFFIX else loop.scenario
     weights = {'controller': fixed_weights(loop.controller)}
     return simulation.prepare(name, loop.controller, weights, loop.speed)
-
-
-def with_solver(params: ControllerParams, **settings) -> ControllerParams:
-    """Return the parameters with other settings of the solver."""
-    return replace(params, solver=replace(params.solver, **settings))

@@ -16,7 +16,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -51,9 +51,9 @@ def _compute():
         sum(range(100_000))
 
 
-def drive(out: Path) -> read.Bag:
+def drive(out: Path, scenario: str = 'straight', settings: Sequence[str] = ()) -> read.Bag:
     """Drive once in lockstep; return the bag. Raises RuntimeError for a run without one."""
-    request = run_and_compare.Request('straight', ['mpcc'], 'lockstep', out, (), 900.0)
+    request = run_and_compare.Request(scenario, ['mpcc'], 'lockstep', out, settings, 900.0)
     _, [outcome] = run_and_compare.run_controllers(request, Console(quiet=True))
     if outcome.bag is None:
         raise RuntimeError(outcome.message)
@@ -62,20 +62,17 @@ def drive(out: Path) -> read.Bag:
 
 def contents(bag: read.Bag) -> dict[str, list[tuple]]:
     """Return what is recorded of each topic, without the times of the wall clock."""
-    return {
-        name: _messages(recorded)
-        for name, recorded in bag.recordings.items()
-        if recorded.topic.type not in DERIVED_TYPES
-    }
-
-
-def _messages(recorded):
-    topic = recorded.topic
-    found = [cdr.decode(payload, topic.schema, topic.type) for payload in recorded.payloads]
-    if topic.type != HEALTH:
-        return found
-    found = [_without_times(message) for message in found]
-    return sorted(found, key=lambda row: row[:2]) if topic.name == ANY_ORDER else found
+    recorded = {}
+    for name, (topic, *_, payloads) in bag.recordings.items():
+        if topic.type in DERIVED_TYPES:
+            continue
+        messages = [cdr.decode(payload, topic.schema, topic.type) for payload in payloads]
+        if topic.type == HEALTH:
+            messages = [_without_times(message) for message in messages]
+        if name == ANY_ORDER:
+            messages.sort(key=lambda row: row[:2])
+        recorded[name] = messages
+    return recorded
 
 
 def _without_times(message):

@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from itertools import islice
+from itertools import islice, product
 from pathlib import Path
 
 import machine
@@ -242,27 +242,21 @@ def measure_ring() -> str:
 
 def measure_cars(plant: str, cars: list[str]) -> str:
     """Return the table of ticks by car file on a plant, driven alternately."""
-    rows, columns = [], ('total_ms', 'solve_cpu_ms', 'iteration_cpu_ms', 'iterations')
-    for name in (CONTROLLERS[0], 'mpcc_road'):
-        setups = {}
-        for car in cars:
-            settings = {'plant': {'plant_params': plant}, 'controller': {'car_file': car}}
-            setups[car] = simulation.prepare(SCENARIO, name, settings)
-        ticks = {car: [] for car in cars}
-        for _ in range(REPEATS):
-            for car, setup in setups.items():
-                for step in islice(simulation.steps(setup), WARM_TICKS, None):
-                    solution = step.record.attempt.solution
-                    total, solve, count = (
-                        step.record.computing_s,
-                        solution.cpu_s,
-                        solution.iterations,
-                    )
-                    ticks[car].append((MS * total, MS * solve, MS * solve / max(count, 1), count))
-        for car, values in ticks.items():
-            found = pd.DataFrame(values, columns=columns)
-            medians = map(number, found.median())
-            rows.append((name, car, len(found), *medians, number(found.iterations.mean())))
+    setups, ticks = {}, []
+    for key in product((CONTROLLERS[0], 'mpcc_road'), cars):
+        settings = {'plant': {'plant_params': plant}, 'controller': {'car_file': key[1]}}
+        setups[key] = simulation.prepare(SCENARIO, key[0], settings)
+    for _, (key, setup) in product(range(REPEATS), setups.items()):
+        for step in islice(simulation.steps(setup), WARM_TICKS, None):
+            solution = step.record.attempt.solution
+            ms, count = MS * solution.cpu_s, solution.iterations
+            ticks.append((*key, MS * step.record.computing_s, ms, ms / max(count, 1), count))
+    columns = ['total_ms', 'solve_cpu_ms', 'iteration_cpu_ms', 'iterations']
+    driven = pd.DataFrame(ticks, columns=['controller', 'car', *columns])
+    rows = [
+        (*key, len(own), *map(number, own[columns].median()), number(own.iterations.mean()))
+        for key, own in driven.groupby(['controller', 'car'], sort=False)
+    ]
     heads = ('controller', 'car', 'ticks', *columns, 'iterations, mean')
     return markdown(f'Ticks on {plant}, medians', heads, rows)
 

@@ -79,12 +79,6 @@ def slide_scenario(slide: Slide) -> str:
     return yaml.safe_dump(parts)
 
 
-def setup_of(controller: str) -> Setup:
-    """Return the setup of a controller of the map, without its slide."""
-    name = 'mpcc' if controller in SPECIAL else controller
-    return simulation.prepare('straight', name, {'controller': SPECIAL.get(controller, {})})
-
-
 def drive(setup: Setup, slide: Slide) -> Ending:
     """Drive from a slide until the car is settled, spins or the time is up."""
     setup = setup._replace(scn=scenario.parse(slide_scenario(slide), 'slide'))
@@ -105,24 +99,16 @@ def ending(odometry, plant) -> Ending:
     corners = suspension.wheel_corners(plant.car)
     c, s = np.cos(psi[: end + 1]), np.sin(psi[: end + 1])
     offset = max(np.abs(Y[: end + 1] + s * k.x + c * k.y).max() for k in corners)
-    recovered = bool(settled.size)
-    return Ending(
-        recovered,
-        bool(recovered and offset <= ROAD_M / 2),
-        float(t[end] - SETTLED_S) if recovered else None,
-    )
+    if not settled.size:
+        return Ending(False, False, None)
+    return Ending(True, bool(offset <= ROAD_M / 2), float(t[end] - SETTLED_S))
 
 
 def grid(quick: bool = False) -> list[Slide]:
     """Return the slides of the map."""
-    step = 2 if quick else 1
-    return [
-        Slide(float(beta), r, v)
-        for beta, r, v in itertools.product(
-            SIDESLIPS_RAD[::step], YAW_RATES_RADPS[::step], SPEEDS_MPS[::step]
-        )
-        if beta or r >= 0  # mirrored
-    ]
+    axes = (SIDESLIPS_RAD.tolist(), YAW_RATES_RADPS, SPEEDS_MPS)
+    slides = itertools.product(*(values[:: 2 if quick else 1] for values in axes))
+    return [Slide(*slide) for slide in slides if slide[0] or slide[1] >= 0]  # mirrored
 
 
 def table(drives: pd.DataFrame) -> str:
@@ -172,7 +158,9 @@ def main() -> None:
     slides, rows = grid(options.quick), []
     with ProcessPoolExecutor() as pool:
         for name in options.controllers:
-            endings = pool.map(partial(drive, setup_of(name)), slides, chunksize=4)
+            controller, settings = ('mpcc', SPECIAL[name]) if name in SPECIAL else (name, {})
+            setup = simulation.prepare('straight', controller, {'controller': settings})
+            endings = pool.map(partial(drive, setup), slides, chunksize=4)
             rows += [(Path(name).stem, *slide, *end) for slide, end in zip(slides, endings)]
     drives = pd.DataFrame(rows, columns=['controller', *Slide._fields, *Ending._fields])
     result = table(drives)

@@ -9,6 +9,7 @@ first table is printed.
 import argparse
 import dataclasses
 import time
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -65,14 +66,15 @@ WITHOUT = {
 }
 
 
-def perform(names: tuple[str, ...]) -> dict[str, dict[str, Driven]]:
+def perform() -> dict[str, dict[str, Driven]]:
     """Return the manoeuvres by name and plant."""
-    return {name: {plant: _perform(name, car) for plant, car in PLANTS.items()} for name in names}
-
-
-def _perform(name, car):
-    plant = parameters.load(parameters.config_file(car))
-    return manoeuvres.perform(name, Case(plant, 1.0, manoeuvres.load_settings()))
+    settings = manoeuvres.load_settings()
+    plants = {name: parameters.load(parameters.config_file(car)) for name, car in PLANTS.items()}
+    cases = {name: Case(plant, 1.0, settings) for name, plant in plants.items()}
+    return {
+        name: {plant: manoeuvres.perform(name, case) for plant, case in cases.items()}
+        for name in NUMBERS
+    }
 
 
 def manoeuvre_table(driven: dict[str, dict[str, Driven]]) -> str:
@@ -88,20 +90,18 @@ def manoeuvre_table(driven: dict[str, dict[str, Driven]]) -> str:
 def closed_loop_table() -> str:
     """Return what the controllers come to in the double lane change on both plants."""
     rows = []
-    for speed in SPEEDS_KPH:
-        for controller in CONTROLLERS:
-            for plant, car in PLANTS.items():
-                own = fixed_weights(controller) | {'car_file': CAR_FILE}
-                values = {'plant': {'plant_params': car}, 'controller': own}
-                setup = simulation.prepare('double_lane_change', controller, values, speed / KPH)
-                begin = time.process_time()
-                drive = simulation.drive(setup)
-                cpu_s = time.process_time() - begin
-                found = metrics.compute_metrics(drive)
-                peaks = found['peak_sideslip_deg'], found['peak_lat_acc_mps2']
-                gaps = found['min_v2o_m'], max(-found['min_v2e_m'], 0.0)
-                texts = [*(f'{peak:.1f}' for peak in peaks), *(f'{x:.2f}' for x in (*gaps, cpu_s))]
-                rows.append((f'{speed:g}, `{controller}`', plant, *texts))
+    for speed, controller, (plant, car) in product(SPEEDS_KPH, CONTROLLERS, PLANTS.items()):
+        own = fixed_weights(controller) | {'car_file': CAR_FILE}
+        values = {'plant': {'plant_params': car}, 'controller': own}
+        setup = simulation.prepare('double_lane_change', controller, values, speed / KPH)
+        begin = time.process_time()
+        drive = simulation.drive(setup)
+        cpu_s = time.process_time() - begin
+        found = metrics.compute_metrics(drive)
+        peaks = found['peak_sideslip_deg'], found['peak_lat_acc_mps2']
+        gaps = found['min_v2o_m'], max(-found['min_v2e_m'], 0.0)
+        texts = [*(f'{peak:.1f}' for peak in peaks), *(f'{x:.2f}' for x in (*gaps, cpu_s))]
+        rows.append((f'{speed:g}, `{controller}`', plant, *texts))
     columns = ('speed, controller', 'plant', 'sideslip [deg]', 'lateral [m/s²]', 'obstacles [m]')
     return markdown('Closed loops', (*columns, 'off the road [m]', 'CPU [s]'), rows)
 
@@ -156,7 +156,7 @@ def main() -> None:
     options = parser.parse_args()
     if options.without:
         leave_out(options.without)
-    driven = perform(tuple(NUMBERS))
+    driven = perform()
     print(manoeuvre_table(driven))
     if options.figure:
         draw(driven).savefig(options.figure, dpi=90, metadata={'Software': None})

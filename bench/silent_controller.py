@@ -61,10 +61,8 @@ def silences(family: str, draw: int) -> Iterator[dict[str, object]]:
         is_dangerous = attempt is not None and attempt.around is not None
         if state.vx > DRIVES_MPS and (is_dangerous or abs(state.vx * state.r) > CORNERS_MPS2):
             # what the next step changes is kept as it is now
-            plan, why = (
-                step.controller.stop_plan(step.record),
-                step.controller.reporter.why(step.record, False),
-            )
+            plan = step.controller.stop_plan(step.record)
+            why = step.controller.reporter.why(step.record, False)
             cases.append((step._replace(car=step.car.fork()), plan, why))
     random = Random(f'{family}:{draw} {SEED}')
     for step, plan, why in random.sample(cases, min(INSTANTS, len(cases))):

@@ -33,6 +33,7 @@ from typing import NamedTuple
 import numpy as np
 import psutil
 import realtime
+from tables import markdown
 
 from experiments.configuration import inputs
 from experiments.run import domain, processes
@@ -81,13 +82,14 @@ class Growth(NamedTuple):
     looks: int
     begin: Look
     end: Look
-    most_mb: float = MOST_MB
+    most_mb: float
 
     @property
-    def grew(self) -> list[str]:
-        """What grew beyond what it may."""
-        found = [n for n in Look._fields[1:] if getattr(self.end, n) > getattr(self.begin, n)]
-        return found + ['memory_mb'] * (self.end.memory_mb - self.begin.memory_mb > self.most_mb)
+    def grew(self) -> str:
+        """What grew beyond what it may, as words."""
+        allowed = Look(self.most_mb, 0, 0)
+        growth = zip(Look._fields, self.begin, self.end, allowed)
+        return ', '.join(name for name, begin, end, most in growth if end - begin > most)
 
 
 def growth(node: str, looks: list[Look], minutes: float) -> Growth:
@@ -96,14 +98,8 @@ def growth(node: str, looks: list[Look], minutes: float) -> Growth:
     warm = int(min(max(WARM, FILLED_S / (60.0 * minutes)), LATEST) * n)
     columns = looks[warm : warm + few], looks[-few:]
     begin, end = (Look(*np.median(np.array(rows), axis=0).tolist()) for rows in columns)
-    return Growth(node, n, begin, end, most_mb(node, minutes))
-
-
-def most_mb(node: str, minutes: float) -> float:
-    """Return by how much the memory of a node may grow in a run of so many minutes."""
-    if minutes > SHORT_MIN:
-        return MOST_MB
-    return SHORT_MB + (BACKLOG_MB if node.split('.')[0] == KEEPS_BACKLOG else 0.0)
+    backlog_mb = BACKLOG_MB if node.split('.')[0] == KEEPS_BACKLOG else 0.0
+    return Growth(node, n, begin, end, MOST_MB if minutes > SHORT_MIN else SHORT_MB + backlog_mb)
 
 
 def soak(mode: str, minutes: float, folder: Path, domain_id: int) -> list[Growth]:
@@ -160,13 +156,6 @@ def watch(running, looks, drive, look_s, seconds):
         time.sleep(max(look_s, SPARE * (time.thread_time() - began)))
 
 
-def row(found: Growth) -> str:
-    """Return one line of the table."""
-    pairs = (f'{a:g} -> {b:g}' for a, b in zip(found.begin, found.end))
-    grown = f'GREW: {", ".join(found.grew)}' if found.grew else ''
-    return f'{found.node:<11} {found.looks:>6} ' + ' '.join(f'{p:>18}' for p in pairs) + f' {grown}'
-
-
 def main() -> int:
     """Soak and print what grew."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -179,13 +168,14 @@ def main() -> int:
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as folder, domain.reserved(os.environ) as number:
         found = soak(given.mode, given.minutes, Path(folder), number)
-    heads = ('memory [MB]', 'files', 'threads')
-    print(f'{"node":<11} {"looks":>6} ' + ' '.join(f'{head:>18}' for head in heads))
-    print('\n'.join(map(row, found)))
-    grew = any(one.grew for one in found)
-    minutes = (time.monotonic() - began) / 60
-    print(f'{given.minutes:g} min {given.mode} in {minutes:.1f} min: ', end='')
-    print('something grew' if grew else 'nothing grew')
+    rows = [
+        (own.node, own.looks, *(f'{a:g} -> {b:g}' for a, b in zip(own.begin, own.end)), own.grew)
+        for own in found
+    ]
+    grew = any(own.grew for own in found)
+    minutes, text = (time.monotonic() - began) / 60, 'something grew' if grew else 'nothing grew'
+    title = f'{given.minutes:g} min {given.mode} in {minutes:.1f} min: {text}'
+    print(markdown(title, ('node', 'looks', 'memory [MB]', 'files', 'threads', 'grew'), rows))
     return int(grew)
 
 

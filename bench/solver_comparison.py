@@ -3,12 +3,11 @@
     .venv/bin/python bench/solver_comparison.py [--quick] [--passes 3] [--out bench]
 
 They solve the problems of closed loops. Writes solver.md into the folder --out: warm, cold and
-surprised starts in turn and alone, the slowest problems, the time to make a controller, and one
-step per tick (`one_step`).
+surprised starts in turn and alone, the slowest problems, the time to make a controller, and closed
+loops with one iteration per tick against converged plans.
 """
 
 import argparse
-import gc
 import os
 import tempfile
 import time
@@ -21,24 +20,24 @@ from unittest import mock
 import closed_loops
 import machine
 import numpy as np
-import one_step
 import pandas as pd
 import problems
-from assessment import GOOD, MAX_GAP, MAX_RESIDUAL, OTHER_MINIMUM, WORSE, Assessment, Assessor
-from problems import COLD, POP_UP, WARM, Task
+from assessment import GOOD, MAX_GAP, MAX_RESIDUAL, OTHER_MINIMUM, WORSE, Assessor
+from problems import COLD, POP_UP, WARM
 from rich.progress import Progress
 from tables import markdown, number, share
 
+from experiments import simulation
 from experiments.simulation import Setup
 from mpcc_controller.driving import tick_solvers
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.problem import formulation, ocp, stage_parameters
 from stage_solver import compiled_functions, reference_solvers, solver
-from stage_solver.reference_solvers import ReferenceSolver
+from stage_solver.reference_solvers import ReferenceSolver, solve_in_turn
 from stage_solver.solution import SolverOptions
 from stage_solver.solver import StageSolver
-from stage_solver.stage_problem import Plan, StageProblem
+from stage_solver.stage_problem import StageProblem
 
 FULL_PASSES, QUICK_PASSES = 3, 2
 COLD_EVERY = 5  # problems
@@ -48,6 +47,15 @@ SLOWEST = 8  # problems to be shown
 CACHE = 'MPCC_CACHE_DIR'
 KINDS = (WARM, COLD, POP_UP)
 FORMATS = {'good': share, **dict.fromkeys(('max gap', 'max residual'), '{:.0e}'.format)}
+# whatever comes of the first step
+ENDLESS = {'one_step_residual': 1.0, 'one_step_decrease': 1e3}
+# the first one is what the others are compared with
+SCHEMES = {
+    'converged': {'mode': 'converged'},
+    'one_step': {'mode': 'one_step'},
+    'one_step_prepared': {'mode': 'one_step', 'prepare': True},
+    'single_step': {'mode': 'one_step', **ENDLESS},
+}
 METHOD = (
     'Every solver starts from its own plans (and multipliers, where it takes them) of the tick '
     'before, moved on as the controller does it. The solvers take turns on one core, problem by '
@@ -83,17 +91,9 @@ class Variant(NamedTuple):
         return ReferenceSolver(problem, self.reference, self.options, True, self.flags)
 
 
-class Answer(NamedTuple):
-    """The answer of a solver to a task, without the cost and residual that it reports."""
-
-    plan: Plan
-    iterations: int
-    message: str
-
-
 def available(params: ControllerParams) -> list[Variant]:
     """Return the available variants, ours first."""
-    stepping = closed_loops.with_solver(params, mode='one_step')
+    stepping = replace(params, solver=replace(params.solver, mode='one_step'))
     one_step = tick_solvers.solver_options(stepping, limit_time=False)
     options = replace(one_step, one_step=None)
     variants = [Variant(OURS, options), Variant(ONE_STEP, one_step)]
@@ -102,64 +102,6 @@ def available(params: ControllerParams) -> list[Variant]:
         if f'{name}_c' == BASELINE:
             variants.append(Variant(NATIVE, options, name, NATIVE_FLAGS))
     return variants
-
-
-def run(
-    solvers: dict[str, StageSolver], given: dict[str, list[Task]], passes: int
-) -> tuple[dict[str, list[Answer]], dict[str, np.ndarray]]:
-    """Solve all tasks `passes` times, the solvers in turn.
-
-    Returns by label the answers of the last pass and the times [s], (passes, tasks). A busy machine
-    slows all solvers alike.
-    """
-    count = len(next(iter(given.values())))
-    seconds = {label: np.full((passes, count), np.nan) for label in solvers}
-    answers = {label: [None] * count for label in solvers}
-    order = list(solvers)
-    gc.collect()
-    gc.disable()
-    try:
-        for a_pass in range(passes):
-            for j in range(count):
-                # no solver always runs after the same one, with the CPU caches of this one
-                order = order[1:] + order[:1]
-                for label in order:
-                    arguments = given[label][j][1:]
-                    began = time.perf_counter()
-                    solution = solvers[label].solve(*arguments)
-                    seconds[label][a_pass, j] = time.perf_counter() - began
-                    plan = Plan(solution.plan.X, solution.plan.U)
-                    answers[label][j] = Answer(plan, solution.iterations, solution.message)
-    finally:
-        gc.enable()
-    return answers, seconds
-
-
-def table_of(
-    label: str,
-    tasks: list[Task],
-    answers: list[Answer],
-    assessments: list[Assessment],
-    in_turn: np.ndarray,
-    alone: np.ndarray,
-) -> pd.DataFrame:
-    """Return a row per task of a solver; times [ms] of the passes, and their medians."""
-    return pd.DataFrame(
-        {
-            'solver': label,
-            'start': [task.kind for task in tasks],
-            'number': range(len(tasks)),
-            'ms': 1e3 * np.median(in_turn, axis=0),
-            'least': 1e3 * in_turn.min(axis=0),
-            'most': 1e3 * in_turn.max(axis=0),
-            'alone_ms': 1e3 * np.median(alone, axis=0),
-            'iterations': [answer.iterations for answer in answers],
-            'message': [answer.message for answer in answers],
-            'kind': [one.kind for one in assessments],
-            'gap': [one.gap for one in assessments],
-            'residual': [one.residual for one in assessments],
-        }
-    )
 
 
 def spread(ms: pd.Series) -> list[float]:
@@ -239,15 +181,27 @@ def compare(
         label: problems.tasks(problem, given, params.fallback, one, COLD_EVERY)
         for label, one in track(solvers.items(), description='making warm starts')
     }
-    answers, in_turn = run(solvers, tasks, passes)
-    alone = {
-        label: run({label: one}, {label: tasks[label]}, passes)[1][label]
-        for label, one in track(solvers.items(), description='solving, each alone')
-    }
+    arguments = {label: [task[1:] for task in own] for label, own in tasks.items()}
+    answers, in_turn = solve_in_turn(solvers, arguments, passes)
+    alone = {}
+    for label, one in track(solvers.items(), description='solving, each alone'):
+        alone |= solve_in_turn({label: one}, {label: arguments[label]}, passes)[1]
     assessor, tables = Assessor(problem), []
     for label, own in track(tasks.items(), description='assessing'):
         quality = [assessor.assess(task, one.plan) for task, one in zip(own, answers[label])]
-        tables.append(table_of(label, own, answers[label], quality, in_turn[label], alone[label]))
+        ms = 1e3 * in_turn[label]
+        row_per_task = {
+            'solver': label,
+            'start': [task.kind for task in own],
+            'number': range(len(own)),
+            'ms': np.median(ms, axis=0),  # of the passes
+            'least': ms.min(axis=0),
+            'most': ms.max(axis=0),
+            'alone_ms': 1e3 * np.median(alone[label], axis=0),
+            'iterations': [answer.iterations for answer in answers[label]],
+            'message': [answer.message for answer in answers[label]],
+        }
+        tables.append(pd.DataFrame(row_per_task).join(pd.DataFrame(quality)))
     return pd.concat(tables, ignore_index=True)
 
 
@@ -262,6 +216,52 @@ def start_up(setup: Setup) -> str:
     with tempfile.TemporaryDirectory() as folder, mock.patch.dict(os.environ, {CACHE: folder}):
         row = seconds(), seconds()
     return markdown('Making a controller (s)', ('empty cache', 'full cache'), [row])
+
+
+def one_step_table(track: Callable[..., Iterable]) -> str:
+    """Return the drives of every loop in every scheme.
+
+    The cost of a drive is the sum of the stage costs of what was driven: state, input and numbers
+    of stage 0 at every tick.
+    """
+    rows = []
+    for loop in track(closed_loops.FULL, description='driving with one step per tick'):
+        setup = closed_loops.make_setup(loop)
+        drives = {name: driven(setup, settings) for name, settings in SCHEMES.items()}
+        converged = np.nansum(drives['converged'][0])
+        for name, (costs, ms, more, prepared_ms) in drives.items():
+            cost = np.nansum(costs)
+            row = [loop.name, name, number(cost), f'{100 * (cost / converged - 1):+.2f} %']
+            row += [number(np.median(ms)), number(ms.max()), f'{100 * more.mean():.1f} %']
+            row += [number(ms[more].mean() if more.any() else 0.0), number(np.median(prepared_ms))]
+            rows.append([*row, len(costs), int(np.isnan(costs).sum())])
+    columns = ('loop', 'scheme', 'cost', 'difference', 'median', 'max', 'iterations > 1')
+    columns += ('their mean', 'after the command', 'ticks', 'without a plan')
+    title = 'Closed loops: one step per tick against converged (ms from state to plan)'
+    return markdown(title, columns, rows)
+
+
+def driven(setup: Setup, settings: dict) -> tuple[np.ndarray, ...]:
+    """Drive a whole loop with our solver and settings of it.
+
+    Returns the stage cost of every tick (NaN where there was no plan to follow: the car braked),
+    the time of every solve between a state and its command [ms], whether it took more than one
+    iteration, and the time of what was computed before each state [ms].
+    """
+    params = setup.params
+    setup = setup._replace(params=replace(params, solver=replace(params.solver, **settings)))
+    costs, prepared_s, solutions = [], [], []
+    for step in simulation.steps(setup):
+        memory, model = step.controller.memory, step.controller.parts.model
+        plan, cost = memory.plans.plan, np.nan
+        if plan is not None:
+            P = memory.solved.problem.parameters.P
+            cost = float(model.problem.stage_cost(plan.X[0], plan.U[0], P[0]))
+        costs.append(cost)
+        solutions += [step.record.attempt.solution] if step.record.attempt else []
+        prepared_s.append(step.record.prepared_s or 0.0)
+    ms, prepared_ms = 1e3 * np.array([s.solve_s for s in solutions]), 1e3 * np.array(prepared_s)
+    return np.array(costs), ms, np.array([s.iterations for s in solutions]) > 1, prepared_ms
 
 
 def main() -> None:
@@ -288,7 +288,7 @@ def main() -> None:
         chosen = available(params)
         parts = texts(compare(given, problem, params, chosen, passes, progress.track))
         if not options.quick:
-            parts += [start_up(setup), one_step.table(progress.track)]
+            parts += [start_up(setup), one_step_table(progress.track)]
     lines = '\n'.join(f'- {name}: {value}' for name, value in facts.items())
     head = (
         f'# Solvers\n\nMade by `make bench`: {len(given)} problems, {passes} passes.\n\n{lines}\n'

@@ -4,15 +4,12 @@
 
 Writes benchmark.md. Every problem is solved from disturbed initial states: cold, from a guess
 without multipliers, and warm, from the solver's own cold solution for another disturbance. All
-solvers evaluate compiled functions. They take turns, instance by instance, so other load on the
-machine slows all of them alike; the time of an instance is the median over the passes.
+solvers evaluate compiled functions. They take turns, instance by instance; the time of an instance
+is the median over the passes.
 """
 
 import argparse
-import gc
-import itertools
 import platform
-import time
 from pathlib import Path
 
 import casadi as ca
@@ -95,29 +92,21 @@ def run_case(
         solvers[name] = ReferenceSolver(problem, name, options, compiled=True)
     noise = np.abs(np.random.default_rng(SEED).standard_normal((2, instances, problem.nx)))
     initial_states = x0 + DISTURBANCE * noise * problem.scale_x
-    plans, order, rows = {}, list(solvers), []
-    gc.collect()
-    gc.disable()  # no collection within a measured call
+    plans, rows = {name: [guess] * instances for name in solvers}, []
     for start, states in zip(('cold', 'warm'), initial_states):
-        ms = {name: np.zeros((passes, instances)) for name in solvers}
-        solutions = {name: [None] * instances for name in solvers}
-        for a_pass, i in itertools.product(range(passes), range(instances)):
-            order = order[1:] + order[:1]  # no solver always follows the same one
-            for name in order:
-                first = guess if start == 'cold' else plans[name][i].plan
-                began = time.perf_counter()
-                solutions[name][i] = solvers[name].solve(states[i], P, bounds, first)
-                ms[name][a_pass, i] = 1e3 * (time.perf_counter() - began)
+        given = {
+            name: [(x, P, bounds, plan) for x, plan in zip(states, plans[name])] for name in plans
+        }
+        solutions, seconds = reference_solvers.solve_in_turn(solvers, given, passes)
         for name, answers in solutions.items():
             iterations = [answer.iterations for answer in answers]
-            times = np.median(ms[name], axis=0)
+            times = 1e3 * np.median(seconds[name], axis=0)
             solved = sum(answer.status == SOLVED for answer in answers)
             rows.append(
                 f'| {label} | {start} | {name} | {np.median(iterations):g} | {max(iterations)} '
                 f'| {np.median(times):.2f} | {times.max():.2f} | {solved}/{instances} |'
             )
-        plans = solutions
-    gc.enable()
+            plans[name] = [answer.plan for answer in answers]
     return rows
 
 

@@ -102,20 +102,15 @@ class InputMonitor:
         return level
 
     def describe(self, now_ns: int) -> str:
-        """Return age and limit as text."""
-        age_ns, limit_ms = self.age_ns(now_ns), self.limit_ns / NS_PER_MS
+        """Return age and limit as text, those of `held_level` where it is over."""
+        age_ns, limit = self.age_ns(now_ns), f'limit {self.limit_ns / NS_PER_MS:g} ms'
         if age_ns is None:
             return f'{self.name} was never received'
-        return f'{self.name} is {age_ns / NS_PER_MS:.0f} ms old, limit {limit_ms:g} ms'
-
-    def describe_held(self, now_ns: int) -> str:
-        """Return the cause of `held_level` as text, also when it is over."""
         if self.held_level == STALE or self.level(now_ns) >= self.held_level:
-            return self.describe(now_ns)
+            return f'{self.name} is {age_ns / NS_PER_MS:.0f} ms old, {limit}'
         age_ns, then_ns = self._worst
-        ago_s, limit_ms = (now_ns - then_ns) / NS_PER_S, self.limit_ns / NS_PER_MS
-        past = f'{self.name} was {age_ns / NS_PER_MS:.0f} ms old {ago_s:.1f} s ago'
-        return f'{past}, limit {limit_ms:g} ms'
+        ago_s = (now_ns - then_ns) / NS_PER_S
+        return f'{self.name} was {age_ns / NS_PER_MS:.0f} ms old {ago_s:.1f} s ago, {limit}'
 
     def diagnostics(self, now_ns: int) -> dict[str, float | int | str]:
         """Return the values for /diagnostics; `worst_ms` is the worst age since the last call."""

@@ -84,24 +84,21 @@ class ManagedNode(LifecycleNode):
         """Activate; after a failure the node is inactive, and the log has the reason."""
         super().on_activate(state)  # publishers: `activate` may publish
         self.is_active = True
-        result = self._attempt('activate', self.activate)
+        result = self._attempt('activate', self.activate, 'active')
         if result != SUCCESS:
             self._pause(state)
-        self._log_change(result, 'active')
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deactivate: a node that falls silent, or is silent no longer, says so in the log."""
-        result = self._attempt('deactivate', self.deactivate)
+        text = 'inactive: it publishes nothing until it is activated'
+        result = self._attempt('deactivate', self.deactivate, text)
         self._pause(state)
-        self._log_change(result, 'inactive: it publishes nothing until it is activated')
         return result
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Clean up."""
-        result = self._attempt('cleanup', self._release)
-        self._log_change(result, 'unconfigured: it has left the graph')
-        return result
+        return self._attempt('cleanup', self._release, 'unconfigured: it has left the graph')
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Pause and clean up; only the end of the process follows."""
@@ -150,28 +147,26 @@ class ManagedNode(LifecycleNode):
             self.apply_change(changes)
         return result
 
-    def _attempt(self, transition: str, change: Callable[[], None]) -> TransitionCallbackReturn:
-        self._failure = None
+    def _attempt(
+        self, transition: str, change: Callable[[], None], then: str = ''
+    ) -> TransitionCallbackReturn:
+        """Make a change; log why it fails, or what is `then` if it was requested.
+
+        At start and end no change is announced.
+        """
+        self._failure, reason, result = None, '', SUCCESS
         try:
             change()
         except REFUSALS as error:
-            self._failure = error
-            self._log_failure(transition, str(error))
-            return FAILURE
+            self._failure, reason, result = error, str(error), FAILURE
         except Exception as error:
-            self._failure = error
-            self._log_failure(transition, traceback.format_exc().rstrip())
-            return TransitionCallbackReturn.ERROR
-        return SUCCESS
-
-    def _log_change(self, result, text):
-        """Log a transition that was requested; at start and end there is none to announce."""
-        if result == SUCCESS and not self._is_starting and not self._is_ending:
-            self.get_logger().warning(text)
-
-    def _log_failure(self, transition, reason):
-        if not self._is_starting:
+            reason = traceback.format_exc().rstrip()
+            self._failure, result = error, TransitionCallbackReturn.ERROR
+        if self._failure and not self._is_starting:
             self.get_logger().error(f'{transition} failed: {reason}')
+        elif then and not self._failure and not self._is_starting and not self._is_ending:
+            self.get_logger().warning(then)
+        return result
 
     def _pause(self, state):
         self.is_active = False

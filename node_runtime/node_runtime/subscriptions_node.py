@@ -44,22 +44,17 @@ def read_reference(raw: bytes) -> Reference:
     controller that reads it has to send a command every 50 ms. The other readers do the same.
     """
     most = contract.load().topics[REFERENCE].sizes['poses'].high
-    limit = raw_scenario.reference_size(most)
-    if len(raw) > limit:
-        allowed = f'allowed {limit}, those of {most} poses'
-        raise decode.DecodeError(f'{REFERENCE}: {len(raw)} bytes; {allowed}')
+    _check_bytes(REFERENCE, raw, raw_scenario.reference_size(most), f', those of {most} poses')
     path = raw_scenario.read_reference(raw)
     return _decode(REFERENCE, raw, decode.reference) if path is None else path
 
 
 def read_road_edges(raw: bytes) -> RoadEdges:
     """Return the edges of a serialised /scenario/road_edges; see `read_reference`."""
-    most, limit = _most_markers(ROAD_EDGES)
-    _, count = _count(raw)
+    _, count, most, limit = _markers(ROAD_EDGES, raw)
     if count > most:
         raise decode.DecodeError(f'{ROAD_EDGES}: markers is {count} long; allowed {most}')
-    if len(raw) > limit:
-        raise decode.DecodeError(f'{ROAD_EDGES}: {len(raw)} bytes; allowed {limit}')
+    _check_bytes(ROAD_EDGES, raw, limit)
     edges = raw_scenario.read_road_edges(raw)
     return _decode(ROAD_EDGES, raw, decode.road_edges) if edges is None else edges
 
@@ -69,20 +64,17 @@ def read_obstacles(raw: bytes) -> Obstacles:
 
     Of more markers than the contract allows no more are deserialised than show that.
     """
-    most, limit = _most_markers(OBSTACLES)
-    order, count = _count(raw)
+    order, count, most, limit = _markers(OBSTACLES, raw)
     if count > most:
         raw = raw[: _COUNT.start] + (most + 1).to_bytes(4, order) + raw[_COUNT.stop : limit]
-    if len(raw) > limit:
-        raise decode.DecodeError(f'{OBSTACLES}: {len(raw)} bytes; allowed {limit}')
+    _check_bytes(OBSTACLES, raw, limit)
     return decode.obstacles(ros.deserialize(OBSTACLES, raw))
 
 
 def read_predictions(raw: bytes) -> Predictions:
     """Return the predictions of a serialised /scenario/predictions; see `read_reference`."""
-    limit = contract.load().topics[PREDICTIONS].sizes['data'].high + _HEAD_BYTES
-    if len(raw) > limit:
-        raise decode.DecodeError(f'{PREDICTIONS}: {len(raw)} bytes; allowed {limit}')
+    points = contract.load().topics[PREDICTIONS].sizes['data'].high
+    _check_bytes(PREDICTIONS, raw, points + _HEAD_BYTES)
     return decode.predictions(ros.deserialize(PREDICTIONS, raw))
 
 
@@ -108,18 +100,22 @@ def _decode(topic, raw, decoder):
     return decoder(ros.deserialize(topic, raw))
 
 
-def _most_markers(topic):
-    """Return the most markers of a topic, and the most bytes that they can have."""
+def _check_bytes(topic, raw, limit, those=''):
+    if len(raw) > limit:
+        raise decode.DecodeError(f'{topic}: {len(raw)} bytes; allowed {limit}{those}')
+
+
+def _markers(topic, raw):
+    """Return byte order and number of markers of a serialised MarkerArray, and the most of a topic.
+
+    And the most bytes that these can have.
+    """
+    order = 'little' if raw[1:2] and raw[1] & 1 else 'big'
     sizes = contract.load().topics[topic].sizes
     most = sizes['markers'].high
     points = max(allowed.high for key, allowed in sizes.items() if key.endswith('.points'))
-    return most, most * (_MARKER_BYTES + _POINT_BYTES * points)
-
-
-def _count(raw):
-    """Return the byte order and the number of markers of a serialised MarkerArray."""
-    order = 'little' if raw[1:2] and raw[1] & 1 else 'big'
-    return order, int.from_bytes(raw[_COUNT], order)
+    limit = most * (_MARKER_BYTES + _POINT_BYTES * points)
+    return order, int.from_bytes(raw[_COUNT], order), most, limit
 
 
 class LatestMessage:

@@ -19,8 +19,8 @@ Modules to import on their own:
     reference_solvers   fatrop and IPOPT on the same problems, for tests and benchmarks
 
 Inside:
-    riccati_codegen      writes the C source of a solver, with expression_graph and vector_codegen
-                         for the functions of the stages and their derivatives
+    riccati_codegen      writes the C source of a solver, with vector_codegen for the functions of
+                         the stages and their derivatives
     compiled_functions   CasADi functions as machine code, and calls without copies
 
 CasADi, numpy and a C compiler are needed; each problem is compiled once per machine.

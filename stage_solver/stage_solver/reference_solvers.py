@@ -6,14 +6,18 @@ https://arxiv.org/abs/2303.16746); IPOPT is by Waechter & Biegler (2006). Neithe
 here, and fatrop may raise its inertia correction without end where derivatives are extreme.
 """
 
+import gc
+import itertools
 import math
+import time
+from collections.abc import Mapping, Sequence
 
 import casadi as ca
 import numpy as np
 
 from stage_solver import riccati_codegen, stage_problem
 from stage_solver.compiled_functions import FLAGS, BufferedFunction, compile_functions
-from stage_solver.solution import FAILED, SOLVED, STOPPED_EARLY, Solution, SolverOptions, Stopwatch
+from stage_solver.solution import FAILED, SOLVED, STOPPED_EARLY, Solution, SolverOptions, stopwatch
 from stage_solver.stage_problem import Bounds, Multipliers, Plan, StageProblem
 
 NAMES = ('fatrop', 'ipopt')
@@ -57,7 +61,7 @@ class ReferenceSolver:
 
     def solve(self, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan) -> Solution:
         """Return the solution; the arguments are those of `StageSolver.solve`."""
-        stopwatch = Stopwatch()
+        times = stopwatch()
         stage_problem.check_shapes(self._problem, x0, P, bounds, guess)
         guess = Plan(np.vstack([x0, guess.X[1:]]), np.asarray(guess.U))
         message = stage_problem.find_invalid_argument(self._problem, x0, P, bounds, guess)
@@ -66,8 +70,7 @@ class ReferenceSolver:
         if not message and not (np.isfinite(float(f)) and np.isfinite(g.full()).all()):
             message = 'a function of the problem is not finite at the guess'
         if message:
-            times = stopwatch.times()
-            return Solution(guess, math.nan, FAILED, message, 0, math.inf, math.inf, **times)
+            return Solution(guess, math.nan, FAILED, message, 0, math.inf, math.inf, **times())
         fixed = np.zeros((self._problem.horizon, self._problem.nx))
         lbg, ubg = (
             np.concatenate([np.hstack([fixed, limits]).ravel(), last])
@@ -97,7 +100,7 @@ class ReferenceSolver:
             primal_residual=float(np.maximum(violation, 0.0)),  # not max(): it takes NaN for 0
             # the first state is fixed: the gradient with respect to it has no meaning
             dual_residual=float(np.max(np.abs((slope + lam_v)[self._problem.nx :]))),
-            **stopwatch.times(),
+            **times(),
         )
 
     def _pack(self, X, U):
@@ -115,6 +118,32 @@ class ReferenceSolver:
         scale_x, scale_u = self._scales
         x, u = self._unpack(lam_v, 1 / scale_x, 1 / scale_u)
         return Multipliers(x, u, dynamics / scale_x, g, lam_g[end:])
+
+
+def solve_in_turn(
+    solvers: Mapping[str, object], arguments: Mapping[str, Sequence[tuple]], passes: int
+) -> tuple[dict[str, list[Solution]], dict[str, np.ndarray]]:
+    """Solve the n tasks of every solver `passes` times, all by their labels.
+
+    Returns the solutions of the last pass and the wall times [s], (passes, n), around the calls.
+    The solvers take turns, task by task: a busy machine slows all of them alike, and none always
+    follows the same one, with the processor's caches of that.
+    """
+    count, order = len(next(iter(arguments.values()))), list(solvers)
+    seconds = {label: np.zeros((passes, count)) for label in solvers}
+    solutions = {label: [None] * count for label in solvers}
+    gc.collect()
+    gc.disable()  # no collection within a measured call
+    try:
+        for a_pass, i in itertools.product(range(passes), range(count)):
+            order = order[1:] + order[:1]
+            for label in order:
+                began = time.perf_counter()
+                solutions[label][i] = solvers[label].solve(*arguments[label][i])
+                seconds[label][a_pass, i] = time.perf_counter() - began
+    finally:
+        gc.enable()
+    return solutions, seconds
 
 
 def _nlp(problem):

@@ -1,7 +1,7 @@
 """The C source of a problem's riccati solver: sizes, tables and stage functions, then the method.
 
-Steps: stage functions with derivatives (here) -> `expression_graph` -> `vector_codegen` -> one C
-file with the problem-independent parts in riccati_c/.
+Steps: stage functions with derivatives (here) -> `vector_codegen` -> one C file with the
+problem-independent parts in riccati_c/.
 
 With w = [u; x] in solver units, the multipliers `lam` of the dynamics and `y` of the constraints,
 
@@ -18,7 +18,6 @@ from typing import NamedTuple
 import casadi as ca
 
 from stage_solver import vector_codegen
-from stage_solver.expression_graph import ExpressionGraph
 from stage_solver.stage_problem import MAX_CACHED_PROBLEMS, StageProblem
 
 TEMPLATES = ('stages.h', 'barrier.h', 'riccati.h', 'search.h', 'call.h', 'solve.c')
@@ -114,7 +113,7 @@ def source(problem: StageProblem) -> str:
     }
     for name, model in models.items():
         emitter = vector_codegen.Emitter(
-            ExpressionGraph(list(model), ONCE_INPUTS), name, strides[name]
+            vector_codegen.ExpressionGraph(list(model), ONCE_INPUTS), name, strides[name]
         )
         functions.append(emitter.source())
         sizes[f'{name.upper()}_ONCE'] = len(emitter.once_rows)

@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -47,16 +48,7 @@ class Solution(NamedTuple):
     cpu_s: float = math.nan  # processor time of the calling thread
 
 
-class Stopwatch:
-    """Wall and processor time since its creation."""
-
-    def __init__(self):
-        self.start_s = time.perf_counter()
-        self._cpu_start_s = time.thread_time()
-
-    def times(self) -> dict[str, float]:
-        """Return the elapsed times as fields of a Solution."""
-        return {
-            'solve_s': time.perf_counter() - self.start_s,
-            'cpu_s': time.thread_time() - self._cpu_start_s,
-        }
+def stopwatch() -> Callable[[], dict[str, float]]:
+    """Return what returns the wall and the processor time since now as fields of a Solution."""
+    wall_s, cpu_s = time.perf_counter(), time.thread_time()
+    return lambda: {'solve_s': time.perf_counter() - wall_s, 'cpu_s': time.thread_time() - cpu_s}

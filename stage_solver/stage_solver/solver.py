@@ -16,7 +16,7 @@ from stage_solver.solution import (
     STOPPED_EARLY,
     Solution,
     SolverOptions,
-    Stopwatch,
+    stopwatch,
 )
 from stage_solver.stage_problem import Bounds, Multipliers, Plan, StageProblem
 
@@ -44,8 +44,8 @@ OUTCOMES = (
 PARTS = ('dynamics', 'constraints', 'cost')  # as in riccati_c/stages.h
 # the fields of Call in riccati_c/workspace.h
 ARRAYS = (
-    'x0', 'P', 'x_low', 'x_high', 'u_low', 'u_high', 'g_low', 'g_high', 'h_low', 'h_high',
-    'X', 'U', 'm_x', 'm_u', 'm_dynamics', 'm_g', 'm_h',
+    'x0', 'P', 'x_low', 'u_low', 'g_low', 'h_low', 'x_high', 'u_high', 'g_high', 'h_high',
+    'X', 'U', 'm_x', 'm_u', 'm_g', 'm_h', 'm_dynamics',
 )  # fmt: skip
 DOUBLES = ('tolerance', 'time_limit', 'warm_mu', 'step_residual', 'step_decrease')
 DOUBLES += ('cost', 'primal_residual', 'dual_residual')
@@ -129,7 +129,7 @@ class StageSolver:
         A guess with multipliers is a warm start. Raises ProblemError when an array has the wrong
         shape.
         """
-        stopwatch = Stopwatch()
+        times = stopwatch()
         stage_problem.check_shapes(self._problem, x0, P, bounds, guess)
         arrays, call = self._arrays, self._call
         values = {'x0': x0, 'P': P, 'X': guess.X, 'U': guess.U} | bounds._asdict()
@@ -157,7 +157,7 @@ class StageSolver:
             iterations=call.iterations,
             primal_residual=call.primal_residual,
             dual_residual=call.dual_residual,
-            **stopwatch.times(),
+            **times(),
         )
 
     def set_time_limit(self, seconds: float) -> None:

@@ -12,6 +12,7 @@ from mpcc_controller.driving import braking
 from mpcc_controller.driving.controller import Controller
 from stage_solver.solution import FAILED
 from vehicle_plant.run_end import RunEnd
+from vehicle_plant.state import messages
 from vehicle_plant.stepping import LockstepStepper
 
 R_VEH, EDGES, HALF_WIDTH_M = 1.1, (-2.5, 6.0), 0.91
@@ -80,7 +81,7 @@ def stopped(step, setup, plan):
         plant_side.stop.keep(plan.stamp_ns, lambda: plan)
     while not plant_side.outcome:
         tracks.append(plant_side.tick_without_controller())
-    return [state for track in tracks for state in track.states()[::10]]
+    return [state for track in tracks for state in messages(track.state_columns())[::10]]
 
 
 def test_a_silent_controller_is_survived_more_often_along_its_plan_than_straight(setup):

@@ -78,10 +78,9 @@ def test_the_plant_survives_every_command_and_follows_no_invalid_one(plant, foll
         if plant.mode == 'realtime':
             plant.bus.now_ns += STEPS_NS
             mode.on_step()
-        for name in ('odometry', 'actuators', 'imu', 'wheels'):
-            now = mode.stepper.car.now
-            (value,) = now.states() if name == 'odometry' else getattr(now, name)()
-            assert np.all(np.isfinite(np.hstack(value)))
+        for name in ('state', 'actuator', 'imu', 'wheel'):
+            columns = getattr(mode.stepper.car.now, f'{name}_columns')()
+            assert np.all(np.isfinite(np.hstack([np.ravel(values) for values in columns])))
         car = plant.node.plant.car
         refused.append(mode.stepper.car.gate.rejected)
         taken.append(len(followed))

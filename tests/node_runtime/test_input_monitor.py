@@ -68,21 +68,21 @@ def test_a_stamp_further_from_now_than_the_limit_is_rejected_with_its_reason(mon
 
 
 def test_a_held_level_names_its_cause(monitor):
-    assert monitor.describe_held(S) == 'state is 0 ms old, limit 100 ms'  # nobody has looked yet
+    assert monitor.describe(S) == 'state is 0 ms old, limit 100 ms'  # nobody has looked yet
     for age_ms in (60, 110, 130):
         monitor.update(S + age_ms * MS)
-    assert monitor.describe_held(S + 131 * MS) == 'state is 131 ms old, limit 100 ms'
+    assert monitor.describe(S + 131 * MS) == 'state is 131 ms old, limit 100 ms'
     monitor.record(S + 130 * MS)
     monitor.update(S + 130 * MS)
     assert monitor.held_level == ERROR
     monitor.update(S + 210 * MS)  # a warning does not hide it
-    assert monitor.describe_held(S + 630 * MS) == 'state is 500 ms old, limit 100 ms'
+    assert monitor.describe(S + 630 * MS) == 'state is 500 ms old, limit 100 ms'
     monitor.record(S + 630 * MS)
-    assert monitor.describe_held(S + 630 * MS) == 'state was 130 ms old 0.5 s ago, limit 100 ms'
+    assert monitor.describe(S + 630 * MS) == 'state was 130 ms old 0.5 s ago, limit 100 ms'
     monitor.record(4 * S)
     monitor.update(4 * S)
     assert monitor.held_level == OK
-    assert monitor.describe_held(4 * S) == 'state is 0 ms old, limit 100 ms'
+    assert monitor.describe(4 * S) == 'state is 0 ms old, limit 100 ms'
 
 
 def test_each_timeout_counts_once(monitor):

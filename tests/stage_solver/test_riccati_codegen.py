@@ -8,7 +8,6 @@ import pytest
 from small_problems import aligned, slalom
 
 from stage_solver import compile_cache, riccati_codegen, vector_codegen
-from stage_solver.expression_graph import ExpressionGraph
 
 LANES = 8
 STAGES = 24  # lanes in the arrays: three groups
@@ -37,7 +36,7 @@ OPERATIONS = {
 def compiled_function(function):
     """Return the C of a function of p and others, as a function of arrays (rows, STAGES)."""
     name = function.name()
-    graph = ExpressionGraph([function], {'p'})
+    graph = vector_codegen.ExpressionGraph([function], {'p'})
     emitter = vector_codegen.Emitter(graph, 'stage', str(STAGES))
     others = [i for i in function.name_in() if i != 'p'] + function.name_out()
     names = ['p', 'once', *others]
@@ -112,7 +111,7 @@ def graph_of(*outputs):
         ca.Function(f'f{k}', [x, p], [output], ['x', 'p'], ['y'])
         for k, output in enumerate(outputs)
     ]
-    return ExpressionGraph(functions, {'p'})
+    return vector_codegen.ExpressionGraph(functions, {'p'})
 
 
 def test_what_only_parameters_decide_is_computed_once():

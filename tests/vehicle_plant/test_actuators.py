@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from msgs_yaml.types import Command
-from vehicle_plant import parameters, servo_lag
+from vehicle_plant import identify, parameters
 from vehicle_plant.actuators import DelayLine
 from vehicle_plant.simulator import Simulator
 from vehicle_plant.state import SetPoints, join_trajectories
@@ -64,8 +64,8 @@ def test_response_to_a_command_is_the_delayed_closed_form(late, arrives_ms, ramp
 def test_on_a_ramp_a_servo_is_behind_by_twice_its_damping_over_its_frequency(car):
     """And by its delay, which is part of the lag."""
     plant = altered(load(car), car__steering__delay_ms=30)
-    lags = servo_lag.measure(plant, 1.0)
-    for measured, p in ((lags.steer_s, plant.car.steering), (lags.force_s, plant.car.force.front)):
+    lags = identify.servo_lags(plant, 1.0)
+    for measured, p in zip(lags, (plant.car.steering, plant.car.force.front)):
         expected = 2 * p.damping / p.natural_frequency_radps + p.delay_ms / 1e3
         assert measured == pytest.approx(expected, abs=2e-4)
 

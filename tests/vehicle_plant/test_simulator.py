@@ -14,7 +14,7 @@ from node_runtime import named_vector
 from vehicle_plant import parameters
 from vehicle_plant.initial_state import Start
 from vehicle_plant.simulator import START_NS, STEP_NS, TICK_STEPS, Simulator
-from vehicle_plant.state import State, join_trajectories, wrap_angle
+from vehicle_plant.state import State, join_trajectories, messages, wrap_angle
 
 CAR = load().car
 LIMIT = CAR.steering.limit_rad
@@ -127,10 +127,10 @@ def test_stamps_count_milliseconds_from_the_start(params):
     assert car.state == (START_NS, 3.0, 4.0, 0.5, 20.0, 0.0, 0.0)
     track = car.advance(None, 3)
     assert track.stamp_ns.tolist() == [START_NS + i * STEP_NS for i in (1, 2, 3)]
-    assert car.state == track.states()[2]
-    assert car.now.wheels() == track.wheels()[2:]
-    assert car.now.imu() == track.imu()[2:]
-    assert car.actuators == track.actuators()[2]
+    assert car.state == messages(track.state_columns())[2]
+    assert messages(car.now.wheel_columns()) == messages(track.wheel_columns())[2:]
+    assert messages(car.now.imu_columns()) == messages(track.imu_columns())[2:]
+    assert car.actuators == messages(track.actuator_columns())[2]
 
 
 def test_the_manual_counts_the_states():

@@ -22,7 +22,6 @@ from vehicle_plant.stepping import (
     HOLDING,
     LockstepStepper,
     RealtimeStepper,
-    StartHold,
 )
 
 FAR = StopParams(
@@ -322,18 +321,6 @@ def test_realtime_ends_within_hundredths_of_the_line_and_names_its_millisecond(p
     crossed = next(row for row in rows if row.column('planar.X')[0] >= 3.0)
     assert (loop.outcome.exit_code, loop.outcome.stamp_ns) == (FINISHED, crossed.stamp_ns[0])
     assert loop.car.stamp_ns - loop.outcome.stamp_ns < 10 * STEP_NS
-
-
-def test_only_an_answer_to_one_of_the_last_hundred_starts_lets_the_car_go():
-    hold = StartHold()
-    hold.record(START_NS)
-    assert hold.is_answer(coast(START_NS))
-    assert not hold.is_answer(coast(START_NS + 1))
-    for k in range(1, 100):
-        hold.record(START_NS + k * STEP_NS)
-    assert hold.is_answer(coast(START_NS))
-    hold.record(START_NS + 100 * STEP_NS)
-    assert not hold.is_answer(coast(START_NS))
 
 
 def test_starts_are_taken_from_parameters_or_the_first_pose():

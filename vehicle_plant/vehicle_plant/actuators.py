@@ -2,17 +2,21 @@
 
 A command is due one tick after its stamp; until then each set-point is a straight line
 (`SetPointRamp`). Set-points are linear between samples at the ends of the 1 ms steps, so shifting
-the samples by n of them delays the signal by exactly n steps (`DelayLine`).
+the samples by n of them delays the signal by exactly n steps (`DelayLine`). While there are faults,
+the servos are given something else (`ActuatorFaults`).
 
 A servo for the steering angle, and for brake or drive force per axle, is a rate loop inside a
 position loop, x'' = 2 zeta w (v - x'), v = w / (2 zeta) (u - x) limited to the greatest rate;
 without limits this is x'' = w^2 (u - x) - 2 zeta w x'. Limiting v instead of x'' avoids wind-up.
 """
 
+import math
+
 import casadi as ca
 import numpy as np
 
-from vehicle_plant.car import AxleForce, Car, Steering
+from msgs_yaml.conversions import NS_PER_S
+from vehicle_plant.car import AxleForce, Car, FaultParams, Steering
 from vehicle_plant.state import Servo, SetPoints
 
 
@@ -75,6 +79,37 @@ class DelayLine:
             delayed[:, i] = samples[: len(set_points)]
             self._lines[i] = samples[len(set_points) - 1 :]
         return delayed
+
+
+class ActuatorFaults:
+    """Changes the set-points of the servos while there are faults."""
+
+    def __init__(self, params: FaultParams, held: SetPoints, start_ns: int):
+        """`held` are the set-points until `start_ns` [ns], from which times count."""
+        until_s = math.inf if params.until_s is None else params.until_s
+        self._while_s, self._start_ns = (params.from_s or 0.0, until_s), start_ns
+        shares = (params.front_force_share, params.rear_force_share)
+        self._factors = np.array([1.0, *(1.0 if share is None else share for share in shares)])
+        self._offsets = np.array([params.steer_offset_rad or 0.0, 0.0, 0.0])
+        self._line = DelayLine(SetPoints(*(params.delay_ms or 0,) * len(held)), held)
+        self._sticks, self._stuck_at = bool(params.steer_stuck), None
+
+    def apply(self, set_points: np.ndarray, stamps_ns: np.ndarray) -> np.ndarray:
+        """Return what the servos follow, (n + 1, 3), of the set-points at n + 1 stamps.
+
+        The first row is the last one of the call before.
+        """
+        late = self._line.shift(set_points)
+        t = (stamps_ns - self._start_ns) / NS_PER_S
+        is_faulty = (self._while_s[0] <= t) & (t < self._while_s[1])
+        if not is_faulty.any():
+            return set_points
+        changed = self._factors * late + self._offsets
+        if self._sticks:
+            if self._stuck_at is None:
+                self._stuck_at = set_points[np.argmax(is_faulty), 0]
+            changed[:, 0] = self._stuck_at
+        return np.where(is_faulty[:, None], changed, set_points)
 
 
 def servo_derivative(x: Servo, target, p: Steering | AxleForce) -> Servo:

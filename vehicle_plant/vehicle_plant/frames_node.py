@@ -3,7 +3,6 @@
 They are for other programs (RViz, rosbag2, a sensor model): no node of this project needs them.
 """
 
-import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
@@ -13,7 +12,7 @@ from msgs_yaml import contract, conversions, encode
 from node_runtime import ros
 from vehicle_plant import robot_description
 from vehicle_plant.car import Car
-from vehicle_plant.state import Trajectory
+from vehicle_plant.state import Trajectory, messages
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -57,14 +56,14 @@ class FramesPublisher:
             return
         if not self.tf_pub.get_subscription_count():
             return  # they stay due: a car that is held at its start is shown to whoever comes
-        is_due = np.zeros(len(stamps), dtype=bool)
-        for i, stamp_ns in enumerate(stamps.tolist()):
+        rows = []
+        for row, stamp_ns in enumerate(stamps.tolist()):
             if stamp_ns >= self._due_ns:
-                is_due[i] = True
+                rows.append(row)
                 self._due_ns = stamp_ns + self._period_ns
-        due = trajectory.where(is_due)
+        due = trajectory.where(rows)
         moving = [frame for frame in self._car_frames if frame.is_steered]
-        for state, actuators in zip(due.states(), due.actuators()):
+        for state, actuators in zip(*map(messages, (due.state_columns(), due.actuator_columns()))):
             wheels = [_mounted(frame, state.stamp_ns, actuators.delta) for frame in moving]
             self.tf_pub.publish(TFMessage(transforms=[encode.transform(state), *wheels]))
 

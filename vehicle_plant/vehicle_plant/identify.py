@@ -31,16 +31,25 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from msgs_yaml.types import Command
 from node_runtime import parameters as yaml_parameters
 from node_runtime.parameters import ROAD_FRICTION
-from vehicle_plant import car, circular_driving, parameters, servo_lag
+from vehicle_plant import car, circular_driving, parameters
 from vehicle_plant.circular_driving import AxlePoints, CircleError, CircleParams
+from vehicle_plant.initial_state import Start
 from vehicle_plant.parameters import PlantParams
+from vehicle_plant.simulator import TICK_NS, TICK_STEPS, Simulator
+from vehicle_plant.state import join_trajectories
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _NORMAL_95 = 1.959964
+# ramps of set-points that no tyre and no rate limits, straight ahead at a speed that they keep
+_SPEED_MPS = 20.0
+_STEER_RATE_RADPS, _FORCE_RATE_NPS = 0.02, -2000.0  # the force is that of both axles
+_RAMP_TICKS = 24  # 1.2 s, tens of time constants of a servo
+_SETTLED_TICKS = 4  # over which a lag is averaged
 
 
 class FialaFit(NamedTuple):
@@ -64,27 +73,54 @@ def fiala_force(points: AxlePoints, cornering: float, friction: float) -> np.nda
 def fit_fiala(points: AxlePoints) -> FialaFit:
     """Return the unweighted least-squares fit to n >= 3 points of one axle."""
     # half a second, which the help must not take
-    from scipy.optimize import least_squares
+    from scipy.optimize import curve_fit
 
     load = points.Fz.mean()
 
-    def residuals(scaled):
+    def scaled_force(_, stiffness, friction):
         # both parameters of order one: stiffness per load, friction
-        return (fiala_force(points, scaled[0] * load, scaled[1]) - points.Fy) / load
+        return fiala_force(points, stiffness * load, friction) / load
 
     stiffness_per_load = 20.0  # 1/rad, a usual road tyre; the fit does not depend on it
     guess, bounds = [stiffness_per_load, 1.0], ([1.0, 0.01], [200.0, 3.0])
-    solution = least_squares(residuals, guess, bounds=bounds, xtol=1e-14)
-    variance = 2 * solution.cost / (len(points.alpha) - len(solution.x))
-    covariance = np.linalg.inv(solution.jac.T @ solution.jac)
-    deviation = np.sqrt(np.diag(covariance) * variance)
-    return FialaFit(
-        cornering=float(solution.x[0] * load),
-        friction=float(solution.x[1]),
-        cornering_confidence=float(_NORMAL_95 * deviation[0] * load),
-        friction_confidence=float(_NORMAL_95 * deviation[1]),
-        residual=float(np.sqrt(np.mean(solution.fun**2)) * load),
+    wanted, options = points.Fy / load, {'xtol': 1e-14, 'full_output': True}
+    (stiffness, friction), covariance, results, *_ = curve_fit(
+        scaled_force, points.alpha, wanted, guess, bounds=bounds, **options
     )
+    confidence = _NORMAL_95 * np.sqrt(np.diag(covariance))
+    return FialaFit(
+        cornering=float(stiffness * load),
+        friction=float(friction),
+        cornering_confidence=float(confidence[0] * load),
+        friction_confidence=float(confidence[1]),
+        residual=float(np.sqrt(np.mean(results['fvec'] ** 2)) * load),
+    )
+
+
+def servo_lags(plant: PlantParams, friction: float) -> tuple[float, float]:
+    """Return how long [s] steering and total force are behind ramps of their set-points.
+
+    A delay is part of the lag; that of the second-order servo is 2 zeta / omega. Raises
+    RefusedError.
+    """
+    lags = []
+    for steer_rate, force_rate in ((_STEER_RATE_RADPS, 0.0), (0.0, _FORCE_RATE_NPS)):
+        simulator = Simulator(plant, friction, Start(0.0, 0.0, 0.0, _SPEED_MPS))
+        tracks = [simulator.now]
+        for tick in range(1, _RAMP_TICKS + 1):
+            t = tick * TICK_NS / 1e9
+            steer, force = steer_rate * t, force_rate * t / 2
+            command = Command(simulator.stamp_ns, steer, steer_rate, force, force)
+            tracks.append(simulator.follow(command))
+        track = join_trajectories(tracks)
+        steer, front, rear = (
+            track.column(f'servos.{name}.position') for name in ('steer', 'front', 'rear')
+        )
+        # when the ramp had the present value
+        reached_s = steer / steer_rate if steer_rate else (front + rear) / force_rate
+        behind = (track.stamp_ns - track.stamp_ns[0]) / 1e9 - reached_s
+        lags.append(float(np.mean(behind[-_SETTLED_TICKS * TICK_STEPS :])))
+    return tuple(lags)
 
 
 _TEMPLATE = """\
@@ -121,8 +157,8 @@ residual {fit_r.residual:.0f} N rms, slip up to {slip_r:.1f} deg
       brake_n: {act.brake_n!r}  # N, both axles
       drive_n: {act.drive_n!r}  # N, both axles
       force_rate_nps: {act.force_rate_nps!r}  # N/s, of the slower axle
-      steer_lag_s: {lags.steer_s:.4f}  # s, behind a set-point that moves at a constant rate
-      force_lag_s: {lags.force_s:.4f}  # s, the same of the total force while braking
+      steer_lag_s: {lags[0]:.4f}  # s, behind a set-point that moves at a constant rate
+      force_lag_s: {lags[1]:.4f}  # s, the same of the total force while braking
     outline:  # seen from above
       front_m: {front:.3f}  # m, CoG to the front end
       rear_m: {rear:.3f}  # m, CoG to the rear end
@@ -163,7 +199,7 @@ def identify(
         drag=body.air_density_kgpm3 / 2 * body.drag_area_m2,
         rolling=plant.car.wheel.rolling_resistance * body.mass_kg * body.gravity_mps2,
         act=car.actuator_limits(plant.car),
-        lags=servo_lag.measure(plant, friction),
+        lags=servo_lags(plant, friction),
         front=body.cog_to_front_m + outline.front_overhang_m,
         rear=body.cog_to_rear_m + outline.rear_overhang_m,
         outline=outline,

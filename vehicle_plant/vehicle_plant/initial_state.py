@@ -25,9 +25,7 @@ class Start(NamedTuple):
 
 def start_from_parameters(p: StartParams) -> Start:
     """Return the start given by the parameters."""
-    return Start(
-        p.x_m, p.y_m, p.yaw_rad, p.speed_mps, p.lateral_mps or 0.0, p.yaw_rate_radps or 0.0
-    )
+    return Start(*(value or 0.0 for value in vars(p).values()))  # in the same order
 
 
 def start_from_reference(path: Reference) -> Start:

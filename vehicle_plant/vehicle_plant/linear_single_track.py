@@ -15,8 +15,8 @@ the compliance k (front: against the steer, rear: negative), C(s) = C / (1 + s s
 (argument s of C omitted in the denominator). With sigma = 0 it is the classical form. The body adds
 two effects: roll, which cambers and steers the wheels and moves the contact patches sideways, and
 load transfer, which unbalances left and right in the thrust of static camber and in rolling
-resistance. `yaw_rate_response(..., body=True)` solves this extended linear model. SI, ISO 8855
-axes. Not included: drive and brake forces, aerodynamic lift.
+resistance. `yaw_rate_response` solves this extended linear model. SI, ISO 8855 axes. Not included:
+drive and brake forces, aerodynamic lift.
 """
 
 from typing import NamedTuple
@@ -108,40 +108,24 @@ def yaw_rate_response(
 ) -> np.ndarray:
     """Return r / delta [1/s] at each frequency, complex, (n,).
 
-    relaxation: with the lag of the tyres; body: with roll and load transfer.
-    """
-    s = 2j * np.pi * np.asarray(f_hz, dtype=float)
-    if body:
-        return _with_body(car, V, s, relaxation)
-    m, I_zz, L = car.mass, car.inertia, car.wheelbase
-    l_f, l_r = car.front.corner.x, -car.rear.corner.x
-    C_f, C_r = (
-        a.C_effective / (1 + relaxation * s * a.sigma / V * a.C_effective / a.C)
-        for a in (car.front, car.rear)
-    )
-    stiffness = C_f * C_r * L / V
-    damping = m * (l_f**2 * C_f + l_r**2 * C_r) + I_zz * (C_f + C_r)
-    return (s * m * l_f * C_f + stiffness) / (
-        s**2 * m * I_zz + s * damping / V + stiffness * L / V + m * (l_r * C_r - l_f * C_f)
-    )
+    relaxation: with the lag of the tyres; body: with roll and load transfer, without which the CoG
+    and the roll centres are on the road.
 
-
-def _with_body(car: LinearCar, V: float, s: np.ndarray, relaxation: bool) -> np.ndarray:
-    """Solve for vy, r, roll phi, and per axle the travel z of the left wheel and the force Fy.
-
-    Left and right wheels move oppositely. Per axle, with h_i the height of its roll centre and y
+    The unknowns are vy, r, roll phi, and per axle the travel z of the left wheel and the force Fy;
+    left and right wheels move oppositely. Per axle, with h_i the height of its roll centre and y
     half its track: the contact moves sideways at vy + x r + (h - h_i) s phi + h_i / y s z; springs,
     bars and dampers carry the body with S (z - y phi), the tyre the wheel with T z; the links pass
     h_i / (2 y) Fy on to each wheel.
     """
+    s = 2j * np.pi * np.asarray(f_hz, dtype=float)
     p = car.plant.car
-    h, tyres = p.body.cog_height_m, p.wheel
+    h, tyres = body * p.body.cog_height_m, p.wheel
     unsprung = 2 * (p.suspension.front.unsprung_mass_kg + p.suspension.rear.unsprung_mass_kg)
     weight = (car.mass - unsprung) * p.body.gravity_mps2
     axles = (car.front, car.rear)
     L = car.wheelbase
     roll_axis = sum(
-        a.corner.axle.roll_centre_height_m * abs(other.corner.x) / L
+        body * a.corner.axle.roll_centre_height_m * abs(other.corner.x) / L
         for a, other in zip(axles, axles[::-1])
     )
     vy, r, phi = 0, 1, 2
@@ -153,7 +137,7 @@ def _with_body(car: LinearCar, V: float, s: np.ndarray, relaxation: bool) -> np.
     A[:, 2, phi] = p.body.roll_inertia_kgm2 * s**2 - weight * (h - roll_axis)
     for i, a in enumerate(axles):
         c, z, Fy = a.corner, 3 + 2 * i, 4 + 2 * i
-        h_i, y = c.axle.roll_centre_height_m, c.y
+        h_i, y = body * c.axle.roll_centre_height_m, c.y
         S = c.axle.ride_rate_npm + 2 * c.axle.antiroll_npm + s * c.axle.damper_rate_nspm
         T = tyres.vertical_stiffness_npm + s * tyres.vertical_damping_nspm
         A[:, 0, Fy], A[:, 1, Fy], A[:, 2, Fy] = -1, -c.x, -(h - h_i)

@@ -175,10 +175,8 @@ class StepSteer(Struct):
         steady_steer = float(steer[is_steady].mean())
         half = first_crossing_time(t, steer, 0.5 * steady_steer)
         result = {}
-        for name, column, unit in (
-            ('yaw_rate', 'planar.r', 'rad/s'),
-            ('ay', 'acceleration.ay', 'm/s^2'),
-        ):
+        signals = ('yaw_rate', 'planar.r', 'rad/s'), ('ay', 'acceleration.ay', 'm/s^2')
+        for name, column, unit in signals:
             y = track.column(column)
             steady = float(y[is_steady].mean())
             low, high = (first_crossing_time(t, y, share * steady) for share in (0.1, 0.9))
@@ -255,10 +253,7 @@ class SineSweep(Struct):
             closed = yaw_rate_response(car, self.speed_mps, f_hz, **options)
             up_to = max(self.frequencies_hz) if options['relaxation'] else self.rigid_up_to_hz
             ratio = (np.array(response) / closed)[f_hz <= up_to]
-            gain, phase = (
-                float(np.abs(np.abs(ratio) - 1).max()),
-                float(np.abs(np.angle(ratio)).max()),
-            )
+            gain, phase = np.abs(np.abs(ratio) - 1).max(), np.abs(np.angle(ratio)).max()
             meaning = f'greatest up to {up_to:g} Hz'
             result[f'gain_error_{form}'] = Number(gain, '-', meaning)
             result[f'phase_error_{form}'] = Number(phase, 'rad', meaning)
@@ -375,7 +370,7 @@ class TurnBraking(Struct):
         settle, ay = case.settings.settle_s, case.scaled(self.ay_mps2)
         speed = float(np.sqrt(ay * self.radius_m))
         angle = case.settings.steady_circle.steer_at(case, speed, ay)
-        hold, brake_s = hold_speed(case, speed), self._brake_time(case)
+        hold, brake_s = hold_speed(case, speed), settle + self.steer_rise_s + self.circle_s
 
         def braking(deceleration):
             forces = brake_forces(case, deceleration, self.front_share)
@@ -388,12 +383,13 @@ class TurnBraking(Struct):
 
         seconds = brake_s + self.seconds
         return tuple(
-            Run(self._label(case, a), speed, seconds, braking(a)) for a in self.decelerations_mps2
+            Run(f'{case.scaled(a):g} m/s²', speed, seconds, braking(a))
+            for a in self.decelerations_mps2
         )
 
     def numbers(self, case: 'Case', tracks: Sequence[Trajectory]) -> dict[str, Number]:
         """Return the evaluation at each level of braking."""
-        brake_s = self._brake_time(case)
+        brake_s = case.settings.settle_s + self.steer_rise_s + self.circle_s
         before = round(brake_s * MS_PER_S) - 1  # row
         result = {}
         for level, track in zip(self.decelerations_mps2, tracks):
@@ -405,19 +401,19 @@ class TurnBraking(Struct):
             X0, Y0 = X[before] - R * np.sin(heading), Y[before] + R * np.cos(heading)
             outside, ratio = np.hypot(X - X0, Y - Y0) - abs(R), r * R / V
             if not result:
-                ay = float(column('acceleration.ay')[before])
+                ay, initial_speed = float(column('acceleration.ay')[before]), float(V[before])
                 result = {
                     'initial_radius': Number(float(R), 'm', 'V / r before the brakes'),
                     'initial_ay': Number(ay, 'm/s^2', 'lateral acceleration before the brakes'),
                 }
-                initial_speed = float(V[before])
             within = (t > 0) & (t <= self.judged_s)
             slip = float(-min(column(f'wheels.{w}.kappa')[within].min() for w in WHEELS))
             speed, judged_ratio, judged_beta, judged_outside = (
                 float(np.interp(self.judged_s, t, y)) for y in (V, ratio, beta, outside)
             )
             mean, greatest = (initial_speed - speed) / self.judged_s, float(ratio[within].max())
-            when = f'{self.judged_s:g} s after braking with {self._label(case, level)} begins'
+            label = f'{case.scaled(level):g} m/s²'
+            when = f'{self.judged_s:g} s after braking with {label} begins'
             result |= {
                 f'mean_deceleration_at_{level:g}': Number(mean, 'm/s^2', f'over the {when}'),
                 f'yaw_rate_ratio_at_{level:g}': Number(judged_ratio, '-', when),
@@ -427,12 +423,6 @@ class TurnBraking(Struct):
                 f'greatest_brake_slip_at_{level:g}': Number(slip, '-', 'of any wheel till then'),
             }
         return result
-
-    def _label(self, case, deceleration):
-        return f'{case.scaled(deceleration):g} m/s²'
-
-    def _brake_time(self, case):
-        return case.settings.settle_s + self.steer_rise_s + self.circle_s
 
 
 class SineWithDwell(Struct):

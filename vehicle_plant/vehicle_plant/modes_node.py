@@ -1,5 +1,7 @@
 """Both modes of the plant node: lockstep, a tick per command; realtime, a step per millisecond."""
 
+from collections import deque
+
 from msgs_yaml import contract, encode
 from node_runtime import ros, scheduling, spin_node
 from node_runtime.clocks import SteadyClock
@@ -8,12 +10,13 @@ from node_runtime.managed_node import ManagedNode
 from vehicle_plant import health
 from vehicle_plant.run_end import RunEnd
 from vehicle_plant.simulator import START_NS, STEP_NS, TICK_STEPS
-from vehicle_plant.stepping import LockstepStepper, RealtimeStepper, StartHold
+from vehicle_plant.stepping import LockstepStepper, RealtimeStepper
 
 RUN_START = '/vehicle/run_start'
 REPEAT_S = 1.0  # between two publications of the first state, until a command answers it
 NO_CONTROLLER_S = 0.001  # between ticks without a controller
-HOLD_S = 0.02  # between two states of the car that is held at its start
+HOLD_S = 0.02  # between two states of the car that is held at its start until one is answered
+ANSWERABLE_STATES = 100  # the last of them: 2 s
 SHUTDOWN_S = 0.02  # between the last state and the end
 WAITING_NS = 1_000_000_000  # between two messages about what is missing
 THROTTLE_S = 1.0
@@ -140,7 +143,7 @@ class RealtimeMode:
         if self.timer:
             self.node.destroy_timer(self.timer)
         self.stepper = self.monitor = self.timer = None
-        self.hold, self.silence_log = StartHold(), ChangeFilter()
+        self.held_ns, self.silence_log = deque(maxlen=ANSWERABLE_STATES), ChangeFilter()
 
     def now_ns(self) -> int:
         """Return the present wall time, whole steps."""
@@ -167,7 +170,7 @@ class RealtimeMode:
         if self.stepper or not self.node.is_active:  # a call that was already queued
             return
         now_ns = self.now_ns()
-        self.hold.record(now_ns)
+        self.held_ns.append(now_ns)
         self.node.publish(self.node.simulator_at(now_ns).now)
         self.report_waiting('waiting for a command that answers the start')
 
@@ -180,7 +183,7 @@ class RealtimeMode:
             self.stepper.reject(reason)
         elif self.stepper:
             self.stepper.command(command)
-        elif command and self.timer and self.hold.is_answer(command):
+        elif command and self.timer and command.stamp_ns in self.held_ns:
             self.start_run(command)
 
     def start_run(self, command):

@@ -28,6 +28,7 @@ from vehicle_plant.gate import UNREADABLE
 from vehicle_plant.modes_node import LockstepMode, RealtimeMode
 from vehicle_plant.sensors import Sensors
 from vehicle_plant.simulator import STEP_NS, Simulator, model_of
+from vehicle_plant.state import messages
 
 COMMAND, STOP_PLAN = '/controller/command', '/controller/stop_plan'
 POLL_S = 0.1  # between two checks whether the run can start
@@ -173,12 +174,13 @@ class PlantNode(ManagedNode):
     def publish(self, trajectory):
         """Publish every row of a trajectory; on each topic in the order of time."""
         self.publish_sensors(trajectory)  # first: an estimator works while the rest is published
-        for state, actuators in zip(trajectory.states(), trajectory.actuators()):
+        fast = trajectory.state_columns(), trajectory.actuator_columns()
+        for state, actuators in zip(*map(messages, fast)):
             self.odometry_pub.publish(state)
             self.actuators_pub.publish(actuators)
         period_ns = self.params.imu_wheels_period_ms * STEP_NS
         slow = trajectory.where(trajectory.stamp_ns % period_ns == 0)
-        for imu, wheels in zip(slow.imu(), slow.wheels()):
+        for imu, wheels in zip(*map(messages, (slow.imu_columns(), slow.wheel_columns()))):
             self.imu_pub.publish(imu)
             self.wheels_pub.publish(wheels)
         self.frames.publish(trajectory)

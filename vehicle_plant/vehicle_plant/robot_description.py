@@ -10,7 +10,9 @@ import math
 from typing import NamedTuple
 
 from msgs_yaml import contract
+from msgs_yaml.types import WHEELS
 from vehicle_plant.car import Car
+from vehicle_plant.suspension import wheel_corners
 
 BASE, BODY = contract.load().topics['/vehicle/odometry'].child_frame, 'body'
 STEER, MIMIC = contract.load().topics['/controller/command'].joints[0], 'fr_steer'
@@ -32,16 +34,11 @@ class Frame(NamedTuple):
 
 def frames(car: Car) -> tuple[Frame, ...]:
     """Return the frames of body and wheels (fl fr rl rr) of a car at rest."""
-    body, z = car.body, car.wheel.radius_m
-    front, rear = body.cog_to_front_m, -body.cog_to_rear_m
-    half_front, half_rear = car.suspension.front.track_m / 2, car.suspension.rear.track_m / 2
-    return (
-        Frame(BODY, 0.0, 0.0, body.cog_height_m),
-        Frame('fl_wheel', front, half_front, z, True),
-        Frame('fr_wheel', front, -half_front, z, True),
-        Frame('rl_wheel', rear, half_rear, z),
-        Frame('rr_wheel', rear, -half_rear, z),
+    wheels = (
+        Frame(f'{name}_wheel', c.x, c.y, car.wheel.radius_m, is_steered=c.x > 0)
+        for name, c in zip(WHEELS, wheel_corners(car))
     )
+    return (Frame(BODY, 0.0, 0.0, car.body.cog_height_m), *wheels)
 
 
 def urdf(car: Car) -> str:

@@ -6,13 +6,12 @@ import numpy as np
 
 from msgs_yaml.types import WHEELS, Actuators, Command, VehicleState
 from vehicle_plant import integrator
-from vehicle_plant.actuator_faults import ActuatorFaults
-from vehicle_plant.actuators import DelayLine, SetPointRamp, delay_steps
+from vehicle_plant.actuators import ActuatorFaults, DelayLine, SetPointRamp, delay_steps
 from vehicle_plant.car import FaultParams, MultiBodyParams
 from vehicle_plant.gate import NS_PER_S, Gate, Verdict
 from vehicle_plant.initial_state import Start
 from vehicle_plant.parameters import PlantParams
-from vehicle_plant.state import SetPoints, Trajectory
+from vehicle_plant.state import SetPoints, Trajectory, messages
 
 STEP_NS = round(integrator.STEP_S * NS_PER_S)
 TICK_NS = 50_000_000
@@ -85,12 +84,12 @@ class Simulator:
     @property
     def state(self) -> VehicleState:
         """The present planar motion."""
-        return self.now.states()[0]
+        return messages(self.now.state_columns())[0]
 
     @property
     def actuators(self) -> Actuators:
         """The present positions of the servos."""
-        return self.now.actuators()[0]
+        return messages(self.now.actuator_columns())[0]
 
     def fork(self) -> 'Simulator':
         """Return a second car in the same state; either goes on without the other."""

@@ -148,9 +148,9 @@ class Trajectory(NamedTuple):
         """Return a column, (n,): `planar.vx`, `ride.phi`, `wheels.fl.omega`, `loads.rr.Fz` ..."""
         return self.rows[:, _COLUMNS[name]]
 
-    def where(self, mask: np.ndarray) -> 'Trajectory':
-        """Return the rows that a mask (n,) selects."""
-        return Trajectory(self.stamp_ns[mask], self.rows[mask])
+    def where(self, selected: np.ndarray | slice | list[int]) -> 'Trajectory':
+        """Return the rows that a mask (n,), a slice or a list of their numbers selects."""
+        return Trajectory(self.stamp_ns[selected], self.rows[selected])
 
     def state_columns(self) -> VehicleState:
         """Return the planar motion, each field (n,); the heading is wrapped to (-pi, pi]."""
@@ -174,27 +174,11 @@ class Trajectory(NamedTuple):
 
     def state(self, i: int) -> VehicleState:
         """Return the message value of `state_columns` of a row."""
-        return self.where(slice(i, i + 1)).states()[0]
-
-    def states(self) -> list[VehicleState]:
-        """Return the message values of `state_columns`, one per row."""
-        return _rows(self.state_columns())
-
-    def actuators(self) -> list[Actuators]:
-        """Return the message values of `actuator_columns`, one per row."""
-        return _rows(self.actuator_columns())
-
-    def imu(self) -> list[Imu]:
-        """Return the message values of `imu_columns`, one per row."""
-        return _rows(self.imu_columns())
-
-    def wheels(self) -> list[Wheels]:
-        """Return the message values of `wheel_columns`, one per row."""
-        return _rows(self.wheel_columns())
+        return messages(self.where(slice(i, i + 1)).state_columns())[0]
 
 
-def _rows(columns):
-    """Return a tuple of columns (n,) or (n, 4) as n tuples of its type."""
+def messages(columns: NamedTuple) -> list:
+    """Return columns of a trajectory, (n,) or (n, 4), as n message values of their type."""
     values = [map(tuple, c.tolist()) if c.ndim > 1 else c.tolist() for c in columns]
     return [type(columns)(*row) for row in zip(*values)]
 

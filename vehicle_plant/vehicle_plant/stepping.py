@@ -6,7 +6,6 @@ then the car follows the plan that came with it (`SilentStop`), and after that b
 standstill. Time is an argument.
 """
 
-from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -23,7 +22,6 @@ from vehicle_plant.state import Trajectory, join_trajectories
 # from a command until a plan begins that is made for when it takes effect: so old it may be when it
 # comes; then it is due and held, and the first set-points of the plan are due a tick later
 LATEST_NS = (OLDEST_TICKS + 1 + HELD_TICKS + 1) * TICK_NS
-ANSWERABLE_STATES = 100  # last states of a car held at its start: 2 s
 # what the car does while the controller is silent
 HOLDING = 'no command comes, holding the last one'
 FOLLOWING = 'no command comes, stopping along the last plan'
@@ -148,21 +146,6 @@ class LockstepStepper:
         if self._end.standing:
             self.outcome = Outcome(CONTROLLER_GONE, 'the controller is gone', self.car.stamp_ns)
         return trajectory
-
-
-class StartHold:
-    """Wall time before a run: the car is held at its start until a command answers it."""
-
-    def __init__(self):
-        self._published_ns = deque(maxlen=ANSWERABLE_STATES)
-
-    def record(self, stamp_ns: int) -> None:
-        """Record the stamp of a published start."""
-        self._published_ns.append(stamp_ns)
-
-    def is_answer(self, command: Command) -> bool:
-        """Return whether a command answers one of the last published states."""
-        return command.stamp_ns in self._published_ns
 
 
 class RealtimeStepper:

@@ -13,8 +13,8 @@ from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.parameters import ControllerParams
 from mpcc_controller.path import distance, frenet_frame, road_edges
-from mpcc_controller.path.distance import Disc
-from mpcc_controller.path.frenet_frame import FrenetDisc, FrenetPoint
+from mpcc_controller.path.distance import Circle, Disc
+from mpcc_controller.path.frenet_frame import FrenetPoint
 from mpcc_controller.problem import stage_parameters
 from mpcc_controller.problem.obstacle_motion import PredictedObstacle
 from mpcc_controller.problem.ocp import PlanValues
@@ -190,12 +190,12 @@ def distances_now(
     values = {}
     for obstacle, point in zip(obstacles, _to_frenet(scene.path, obstacles, x.theta)):
         disc = Disc(obstacle.X, obstacle.Y, obstacle.r_obs)
-        frenet_disc = FrenetDisc(point.s, point.e, obstacle.r_obs)
+        frenet_disc = Disc(*point, obstacle.r_obs)
         gaps = [float(distance.v2o(c, disc)) for c in circles]
         cartesian = min(gaps)
         if cartesian >= values.get(f'v2o.{obstacle.id}', np.inf):
             continue  # another disc of it is closer
-        frenet = min(float(frenet_frame.v2o(c, radius, frenet_disc)) for c in circle_points)
+        frenet = min(float(distance.v2o(Circle(*c, radius), frenet_disc)) for c in circle_points)
         values[f'v2o.{obstacle.id}'] = cartesian
         values[f'v2o_frenet.{obstacle.id}'] = frenet
         values[f'v2o_difference.{obstacle.id}'] = frenet - cartesian

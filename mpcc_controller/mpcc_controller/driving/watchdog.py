@@ -100,7 +100,7 @@ class Watchdog:
         if waiting:
             level, message = STALE, waiting
         elif level != OK and level != steps:
-            causes = [m.describe_held(now_ns) for m in inputs if m.held_level == level]
+            causes = [m.describe(now_ns) for m in inputs if m.held_level == level]
             message = '; '.join(causes)
         ages = {k: v for monitor in inputs for k, v in monitor.diagnostics(now_ns).items()}
         return self._report(now_ns, level, message, ages)

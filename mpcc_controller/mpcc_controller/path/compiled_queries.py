@@ -36,12 +36,17 @@ def library() -> ctypes.CDLL:
     return loaded
 
 
+def call(name: str, *arguments: np.ndarray | float):
+    """Return what a query returns; arrays, of `row`, are passed by their addresses."""
+    given = [a.ctypes.data if type(a) is np.ndarray else a for a in arguments]
+    return getattr(library(), name)(*given)
+
+
 def make_discs(X: np.ndarray, Y: np.ndarray) -> np.ndarray:
     """Return discs (3, m) around blocks of the chords between points (n,)."""
-    compiled = library()
     X, Y = row(X), row(Y)
-    discs = np.empty((3, compiled.disc_count(len(X) - 1)))
-    compiled.make_discs(len(X), X.ctypes.data, Y.ctypes.data, discs.ctypes.data)
+    discs = np.empty((3, call('disc_count', len(X) - 1)))
+    call('make_discs', len(X), X, Y, discs)
     return discs
 
 
@@ -54,8 +59,5 @@ def interpolate(x: np.ndarray, points: np.ndarray, values: np.ndarray) -> np.nda
     """Return `numpy.interp` of every row: at x (r, k), of values (r, n) at ascending points."""
     x, points, values = row(x), row(points), row(values)
     out = np.empty_like(x)
-    library().interpolate(
-        *x.shape, x.ctypes.data, points.shape[1], points.ctypes.data, values.ctypes.data,
-        out.ctypes.data,
-    )  # fmt: skip
+    call('interpolate', *x.shape, x, points.shape[1], points, values, out)
     return out

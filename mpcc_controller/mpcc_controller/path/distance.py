@@ -14,16 +14,16 @@ CENTRE_ROUNDING = 1e-6
 class Circle(NamedTuple):
     """One circle of the vehicle."""
 
-    X: Any  # m, map
-    Y: Any  # m, map
+    X: Any  # m, map; or s of path coordinates, see `frenet_frame`
+    Y: Any  # m, map; or e
     r: Any  # m, radius
 
 
 class Disc(NamedTuple):
     """One obstacle at the time of a stage."""
 
-    X: Any  # m, map
-    Y: Any  # m, map
+    X: Any  # m, as those of the circles
+    Y: Any  # m
     r_obs: Any  # m
 
 

@@ -6,8 +6,9 @@
 
 is the motion of a point (Brown & Gerdes 2019, section II); kappa is the curvature of the path, left
 positive, and dpsi the heading relative to it. As in the published code of Brown & Gerdes distances
-are measured as if (s, e) were Cartesian: sqrt(ds^2 + de^2) to obstacles, the difference of e to
-edges. In a bend both differ from the distance on the ground (docs/paper.md). Negative: contact.
+are measured as if (s, e) were Cartesian: to obstacles by `distance.v2o`, whose X and Y are s and e
+then, to edges the difference of e. In a bend both differ from the distance on the ground
+(docs/paper.md). Negative: contact.
 """
 
 from typing import Any, NamedTuple
@@ -16,7 +17,8 @@ import numpy as np
 
 from mpcc_controller.path import arc, compiled_queries, reference_path, road_edges
 from mpcc_controller.path.arc import Arc, Pose, cos, sin, sqrt
-from mpcc_controller.path.distance import CENTRE_ROUNDING, Disc, Edges
+from mpcc_controller.path.compiled_queries import call
+from mpcc_controller.path.distance import Circle, Disc, Edges
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.path.road_edges import Road
 
@@ -36,14 +38,6 @@ class FrenetRates(NamedTuple):
     s: Any  # m/s
     e: Any  # m/s
     dpsi: Any  # rad/s
-
-
-class FrenetDisc(NamedTuple):
-    """One obstacle at the time of a stage."""
-
-    s: Any  # m
-    e: Any  # m
-    r_obs: Any  # m
 
 
 class FrenetEdge(NamedTuple):
@@ -89,25 +83,17 @@ def to_frenet(path: ReferencePath, X, Y, near: float) -> FrenetPoint:
     The path continues straight before its start and past its end. A point beyond the centre of a
     bend keeps the foot at the closest pose of the path.
     """
-    compiled = compiled_queries.library()
-    X, Y = compiled_queries.row(X), compiled_queries.row(Y)
+    X, Y, table = compiled_queries.row(X), compiled_queries.row(Y), path.table
     s, e = np.empty((2, len(X)))
-    compiled.path_to_frenet(
-        path.table.shape[1], path.table.ctypes.data, path.discs.ctypes.data,
-        len(X), X.ctypes.data, Y.ctypes.data, near, s.ctypes.data, e.ctypes.data,
-    )  # fmt: skip
+    call('path_to_frenet', table.shape[1], table, path.discs, len(X), X, Y, near, s, e)
     return FrenetPoint(s, e)
 
 
 def refine(path: ReferencePath, X, Y, s) -> FrenetPoint:
     """Return the path coordinates of points (k,) from approximate values of `s` (k,)."""
-    compiled = compiled_queries.library()
     X, Y, s = compiled_queries.row(X), compiled_queries.row(Y), np.array(s, float)
     e = np.empty(len(s))
-    compiled.path_refine(
-        path.table.shape[1], path.table.ctypes.data,
-        len(s), X.ctypes.data, Y.ctypes.data, s.ctypes.data, e.ctypes.data,
-    )  # fmt: skip
+    call('path_refine', path.table.shape[1], path.table, len(s), X, Y, s, e)
     return FrenetPoint(s, e)
 
 
@@ -125,48 +111,32 @@ def offset_left(pose: Pose | Arc, e) -> Pose:
 # distances
 
 
-def v2o(point: FrenetPoint, radius, obstacle: FrenetDisc):
-    """Return the distance [m] of a vehicle circle at `point` to an obstacle."""
-    ds, de = point.s - obstacle.s, point.e - obstacle.e
-    return sqrt(ds**2 + de**2 + CENTRE_ROUNDING) - obstacle.r_obs - radius
-
-
 def edge_offset(edge: FrenetEdge, s):
     """Return the offset e [m] of an edge at `s`, to the left of the path."""
     return edge.e + edge.slope * (s - edge.s)
 
 
-def v2e(point: FrenetPoint, radius, edges: Edges):
-    """Return the distances [m] of a vehicle circle at `point` to the left and the right edge."""
+def v2e(vehicle: Circle, edges: Edges):
+    """Return the distances [m] of a vehicle circle at (s, e) to the left and the right edge."""
+    s, e, radius = vehicle
     return (
-        edge_offset(edges.left, point.s) - point.e - radius,
-        point.e - edge_offset(edges.right, point.s) - radius,
+        edge_offset(edges.left, s) - e - radius,
+        e - edge_offset(edges.right, s) - radius,
     )
-
-
-def distances(points: list[FrenetPoint], p):
-    """Return D_V2O per obstacle and D_V2E per edge [m], each a list over the vehicle's circles.
-
-    `p` holds `body`, `obstacles` and `edges`, the last two in path coordinates.
-    """
-    body = p.body
-    obstacles = [[v2o(point, body.radius, each) for point in points] for each in p.obstacles]
-    edges = [list(D) for D in zip(*(v2e(point, body.edge_radius, p.edges) for point in points))]
-    return obstacles, edges
 
 
 # obstacles and edges as numbers per stage
 
 
-def disc_to_frenet(path: ReferencePath, obstacle: Disc, near: float) -> FrenetDisc:
-    """Return an obstacle (k,) in path coordinates; of several solutions those next to s = `near`.
+def disc_to_frenet(path: ReferencePath, obstacle: Disc, near: float) -> Disc:
+    """Return an obstacle (k,) at (s, e); of several solutions those next to s = `near`.
 
     The coordinates of one that does not move have the shape (1,).
     """
     moves = np.ptp(obstacle.X) > 0 or np.ptp(obstacle.Y) > 0
     rows = slice(None) if moves else slice(1)  # one projection is enough
     point = to_frenet(path, obstacle.X[rows], obstacle.Y[rows], near)
-    return FrenetDisc(point.s, point.e, obstacle.r_obs)
+    return Disc(*point, obstacle.r_obs)
 
 
 def edges_to_frenet(road: Road, pieces: Arc, window: float) -> Edges:

@@ -105,12 +105,9 @@ def arcs_at(path: ReferencePath, theta) -> tuple[Arc, np.ndarray]:
 
     The path continues straight before its start and past its end.
     """
-    compiled = compiled_queries.library()
-    theta = compiled_queries.row(theta)
-    table, out = path.table, np.empty((5, *theta.shape))
-    compiled.path_at(
-        table.shape[1], table.ctypes.data, theta.size, theta.ctypes.data, out.ctypes.data
-    )
+    theta, table = compiled_queries.row(theta), path.table
+    out = np.empty((5, *theta.shape))
+    compiled_queries.call('path_at', table.shape[1], table, theta.size, theta, out)
     X, Y, psi, kappa, v = out
     return Arc(X, Y, psi, kappa, theta), v
 
@@ -122,9 +119,8 @@ def project(path: ReferencePath, X: float, Y: float, near: float | None, reach: 
     crosses or repeats itself is not short-cut. With None all of it is searched; of several laps the
     first one about as close as any, to 1 m, is taken. Past either end the path continues straight.
     """
-    compiled, table = compiled_queries.library(), path.table
-    near = np.nan if near is None else near
-    return compiled.path_project(table.shape[1], table.ctypes.data, X, Y, near, reach)
+    near, table = np.nan if near is None else near, path.table
+    return compiled_queries.call('path_project', table.shape[1], table, X, Y, near, reach)
 
 
 def _wrap(angle):

@@ -85,13 +85,11 @@ def edge_beside(line: Polyline, X, Y, window: float) -> Edge:
     points `window` [m] before and after: the corners of a polyline define neither. Beyond its
     continuations the line is straight. Where it doubles back the curvature is 0.
     """
-    compiled = compiled_queries.library()
-    X, Y = compiled_queries.row(X), compiled_queries.row(Y)
+    X, Y, table = compiled_queries.row(X), compiled_queries.row(Y), line.table
     out = np.empty((4, len(X)))
-    compiled.edge_beside(
-        line.table.shape[1], line.table.ctypes.data, line.discs.ctypes.data,
-        len(X), X.ctypes.data, Y.ctypes.data, window, out.ctypes.data,
-    )  # fmt: skip
+    compiled_queries.call(
+        'edge_beside', table.shape[1], table, line.discs, len(X), X, Y, window, out
+    )
     return Edge(*out)
 
 

@@ -297,26 +297,21 @@ def _check_list(terms: Sequence[CostTerm], params: ControllerParams) -> None:
             )
 
 
-def weights_type(terms: Sequence[CostTerm]) -> type:
-    """Return the NamedTuple of the weights of terms, by their names."""
-    return namedtuple('Weights', [term.name for term in terms])
+def weights(terms: Sequence[CostTerm], params: ControllerParams | None = None):
+    """Return the weights of terms that are `in_use`, a NamedTuple; without `params` their names."""
+    names = [term.name for term in terms]
+    values = [_weight(term, params) for term in terms] if params else names
+    return namedtuple('Weights', names)(*values)
 
 
-def weights(terms: Sequence[CostTerm], params: ControllerParams):
-    """Return the weights of terms that are `in_use`, as `weights_type`."""
-    return weights_type(terms)(*(_weight(term, params) for term in terms))
+def limits(terms: Sequence[CostTerm], params: ControllerParams | None = None):
+    """Return the limits of terms that are `in_use`, a NamedTuple; 1 where none is given.
 
-
-def limits_type(terms: Sequence[CostTerm]) -> type:
-    """Return the NamedTuple of the limits of terms, by the names in `parameters.Envelope`."""
-    return namedtuple('Limits', [term.limit for term in terms if term.limit])
-
-
-def limits(terms: Sequence[CostTerm], params: ControllerParams):
-    """Return the limits of terms that are `in_use`, as `limits_type`; 1 where none is given."""
-    kind = limits_type(terms)
-    given = (getattr(params.envelope, name) for name in kind._fields)
-    return kind(*(1.0 if share is None else share for share in given))
+    Without `params` the names, which are those in `parameters.Envelope`.
+    """
+    names = [term.limit for term in terms if term.limit]
+    given = [getattr(params.envelope, name) for name in names] if params else names
+    return namedtuple('Limits', names)(*(1.0 if share is None else share for share in given))
 
 
 def squared_errors(terms: Sequence[CostTerm], quantities: StageQuantities) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from mpcc_controller.model.single_track import Car, State
 from mpcc_controller.parameters import FORMULATIONS, INTEGRATED, PROJECTED, ControllerParams
 from mpcc_controller.path import reference_path
 from mpcc_controller.path.arc import Arc
+from mpcc_controller.path.distance import Disc
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import cost_terms, stage_parameters
 from mpcc_controller.problem.cost_terms import CostTerm
@@ -33,7 +34,6 @@ class Formulation:
     """
 
     state: ClassVar[type]  # a NamedTuple that has vx, vy, r, delta and Fx
-    scale_x: ClassVar[tuple]  # SI units per solver unit of each state
     stage: ClassVar[type]  # a NamedTuple: CONSTANTS, then what differs from stage to stage
     # of `stage`: what it has beside that of all formulations
     template: ClassVar[tuple[tuple[str, Any], ...]]
@@ -41,10 +41,7 @@ class Formulation:
     quantities: ClassVar[Callable]  # (x, u or None, p, rules) -> StageQuantities
     constraints: ClassVar[Callable]  # (x, u, p) -> Constraints
     tuned_weights: ClassVar[tuple[str, ...]]  # parameters of the weights that tuning varies
-    distances: ClassVar[tuple[str, ...]]  # allowed values of formulation.distance
-    has_lag: ClassVar[bool]  # whether formulation.lag may be true
     integrates_theta: ClassVar[bool]  # whether model.theta may be integrated
-    has_track_centre: ClassVar[bool]  # whether the track is arcs around the centre of the road
     terms: ClassVar[Sequence[CostTerm]]
 
     def __init__(self, params: ControllerParams, car: Car):
@@ -119,24 +116,22 @@ def symbolic_ocp(
     kind: type[Formulation], name: str, circles: int, obstacles: int, rules: Rules
 ) -> SymbolicOcp:
     """Return a formulation in symbols for vehicle circles and obstacles of the given numbers."""
-    weights, shares = cost_terms.weights_type(rules.terms), cost_terms.limits_type(rules.terms)
     template = kind.stage(
         car=rules.car,
-        weights=weights(*weights._fields),
+        weights=cost_terms.weights(rules.terms),
         D_sft=SafetyDistance(*SafetyDistance._fields),
         body=VehicleCircles('radius', ('offset',) * circles, 'edge_radius'),
-        envelope=shares(*shares._fields),
+        envelope=cost_terms.limits(rules.terms),
         least_speed='least_speed',
         v_ref='v_ref',
         edges=rules.frame.edges,
-        obstacles=(rules.frame.disc,) * obstacles,
+        obstacles=(Disc(*Disc._fields),) * obstacles,
         **dict(kind.template),
     )
     return SymbolicOcp(
         name=name,
         state=kind.state,
         template=template,
-        scale_x=kind.scale_x,
         rates=kind.rates,
         terms=rules.terms,
         quantities=partial(kind.quantities, rules=rules),
@@ -156,7 +151,9 @@ def make(params: ControllerParams, car: Car) -> Formulation:
     """
     options = params.formulation
     kind = find(options.name)
-    if options.distance not in kind.distances or (options.lag and not kind.has_lag):
+    # others measure along the path, and take the edges at every state
+    in_map = kind.state is State
+    if not in_map and (options.distance != 'path' or options.lag):
         raise ParameterError(
             'formulation: frenet measures along the path and has no lag error; '
             "allowed with it: distance 'path' and lag false"
@@ -171,7 +168,7 @@ def make(params: ControllerParams, car: Car) -> Formulation:
         'surroundings.align_track': params.surroundings.align_track,
     }
     for name, is_on in asked.items():
-        if is_on and not kind.has_track_centre:
+        if is_on and not in_map:
             raise ParameterError(
                 f'{name}: is true, but {options.name} takes the edges of the road at every state; '
                 'allowed with it: false'

@@ -15,9 +15,10 @@ from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.path import frenet_frame
 from mpcc_controller.path.arc import Arc
+from mpcc_controller.path.distance import Circle
 from mpcc_controller.path.frenet_frame import FrenetPoint
 from mpcc_controller.path.reference_path import ReferencePath
-from mpcc_controller.problem import cost_terms, ocp
+from mpcc_controller.problem import cost_terms, distance_frame, ocp
 from mpcc_controller.problem.cost_terms import StageQuantities
 from mpcc_controller.problem.formulation import Formulation
 from mpcc_controller.problem.ocp import Constraints, Rules
@@ -38,10 +39,6 @@ class FrenetState(NamedTuple):
     r: Any  # rad/s
     delta: Any  # rad, road-wheel angle
     Fx: Any  # N, total longitudinal force
-
-
-# The solver's units: forces in kN, everything else in SI
-SCALE_X = FrenetState(s=1, e=1, dpsi=1, vx=1, vy=1, r=1, delta=1, Fx=1e3)
 
 
 # The parameters of one stage, as those of `mpcc_formulation.Stage`. kappa [1/m]: mean curvature of
@@ -65,8 +62,8 @@ def rates(x: FrenetState, u: Input, p: FrenetStage) -> FrenetState:
 
 def quantities(x: FrenetState, u: Input | None, p: FrenetStage, rules: Rules) -> StageQuantities:
     """Return what the squared errors of a stage are computed from."""
-    points = [point_ahead(x, offset) for offset in p.body.offsets]
-    v2o, v2e = frenet_frame.distances(points, p)
+    circles = [Circle(*point_ahead(x, offset), p.body.radius) for offset in p.body.offsets]
+    v2o, v2e = distance_frame.distances(circles, p, frenet_frame.v2e)
     errors = FrenetErrors(x.e, x.dpsi)
     return StageQuantities(x, u, p, errors, x.dpsi, v2o, v2e, rules.priority)
 
@@ -102,14 +99,11 @@ def mean_curvatures(arcs: Arc) -> np.ndarray:
 class FrenetFormulation(Formulation):
     """The baseline of Brown & Gerdes; see `formulation.Formulation`."""
 
-    state, scale_x, stage = FrenetState, SCALE_X, FrenetStage
+    state, stage = FrenetState, FrenetStage
     template = (('kappa', 'kappa'),)
     rates, quantities, constraints = map(staticmethod, (rates, quantities, constraints))
     tuned_weights = (*cost_terms.TUNED, 'tolerances.heading_rad')
-    distances = ('path',)
-    has_lag = False
     integrates_theta = False
-    has_track_centre = False
     terms = cost_terms.FRENET
 
     def place(self, path: ReferencePath, x: State) -> State:

@@ -18,14 +18,11 @@ from mpcc_controller.path.arc import Arc
 from mpcc_controller.path.reference_path import ReferencePath
 from mpcc_controller.problem import cost_terms, ocp, time_gaps
 from mpcc_controller.problem.cost_terms import CostTerm, StageQuantities
-from mpcc_controller.problem.distance_frame import FRAMES
 from mpcc_controller.problem.formulation import Formulation
 from mpcc_controller.problem.ocp import Constraints, Rules, SafetyDistance, VehicleCircles
 from mpcc_controller.problem.stage_parameters import Scene
 from mpcc_controller.problem.time_gaps import STRIPS, Lead
 
-# The solver's units: forces in kN, everything else in SI
-SCALE_X = State(X=1, Y=1, psi=1, vx=1, vy=1, r=1, theta=1, delta=1, Fx=1e3)
 ARC, LEADS = Arc(*Arc._fields), (Lead(*Lead._fields),) * len(STRIPS)  # without meaning
 LEAST_EDGE_M = 0.05  # D_sft,E on the narrowest road
 
@@ -77,13 +74,10 @@ def constraints(x: State, u: Input, p: Stage) -> Constraints:
 class MpccFormulation(Formulation):
     """The paper's MPCC; see `formulation.Formulation`."""
 
-    state, scale_x, stage = State, SCALE_X, Stage
+    state, stage = State, Stage
     template = (('path', ARC), ('centre', ARC), ('half_width', 'half_width'), ('leads', LEADS))
     quantities, constraints = staticmethod(quantities), staticmethod(constraints)
     tuned_weights = (*cost_terms.TUNED, 'tolerances.lag_m')
-    distances = tuple(FRAMES)
-    has_lag = True
-    has_track_centre = True
     integrates_theta = True
     terms: Sequence[CostTerm] = cost_terms.MPCC
 

@@ -22,8 +22,8 @@ from stage_solver.compiled_functions import BufferedFunction
 from stage_solver.stage_problem import MAX_CACHED_PROBLEMS, Plan
 
 LENGTH_ROUNDING = 1e-4  # m^2; 1 cm, keeps the distance to the centre of the track differentiable
-# The solver's units of the inputs: forces in kN, everything else in SI
-SCALE_U = Input(d_delta=1, d_Fx=1e4, lambda_b=1, slack=1)
+# The solver's units: forces in kN, their rates in 10 kN/s, everything else in SI
+SCALE_FX, SCALE_U = 1e3, Input(d_delta=1, d_Fx=1e4, lambda_b=1, slack=1)
 
 
 class SafetyDistance(NamedTuple):
@@ -58,7 +58,6 @@ class SymbolicOcp(NamedTuple):
     name: str  # a C identifier
     state: type  # a NamedTuple that has vx, vy, r, delta and Fx
     template: Any  # stage parameters whose leaves have no meaning
-    scale_x: tuple  # SI units per solver unit
     rates: Callable  # (x, u, p) -> dx/dt, a `state`
     terms: tuple[CostTerm, ...]
     quantities: Callable  # (x, u or None, p) -> StageQuantities
@@ -147,7 +146,7 @@ def build(ocp: SymbolicOcp, horizon: int, dt: float) -> stage_problem.StageProbl
         terminal_constraints=ca.Function(
             'terminal_constraints', [xs, ps], [total_friction_use(x.Fx, p.car)]
         ),
-        scale_x=ocp.scale_x,
+        scale_x=tuple(SCALE_FX if name == 'Fx' else 1 for name in ocp.state._fields),
         scale_u=SCALE_U,
     )
 

@@ -3,21 +3,30 @@
 /* Limits closer than this (solver units) are moved apart: the barrier needs an interior. */
 static const double LEAST_ROOM = 2e-6;
 
-static void set_bound(Workspace *s, int row, int k, double low, double high)
-{
-    if (high - low < LEAST_ROOM) {
-        double middle = 0.5 * (low + high);
-        low = middle - 0.5 * LEAST_ROOM;
-        high = middle + 0.5 * LEAST_ROOM;
-    }
-    LANE(s->low[row], k) = low;
-    LANE(s->high[row], k) = high;
-}
+/* The rows of v of a kind of limited quantity, and its stages [first, end). Row k of its arrays is
+ * stage k, those of h are of the last stage alone. */
+typedef struct {
+    int row, columns, first, end, origin;
+    const double *scale; /* SI units per solver unit; NULL: 1 */
+} Kind;
 
-/* No number lies between the limits, or one of them is NaN. */
-INLINE int wrong(double low, double high)
+static const Kind KIND[KINDS] = {
+    {NU, NX, 1, N + 1, 0, SCALE_X},
+    {0, NU, 0, N, 0, SCALE_U},
+    {NW, STAGE_NG, 0, N, 0, NULL},
+    {NW, LAST_NG, N, N + 1, N, NULL},
+};
+
+#define FOR_KINDS(kind) for (const Kind *kind = KIND; kind < KIND + KINDS; kind++)
+/* every element of a kind from stage `first` on: lane k of row `row`, element `e` of its arrays */
+#define FOR_ELEMENTS(kind, first, row, k, e)                                                       \
+    for (int k = first; k < (kind)->end; k++)                                                      \
+        for (int row = (kind)->row, e = (k - (kind)->origin) * (kind)->columns;                    \
+             row < (kind)->row + (kind)->columns; row++, e++)
+
+INLINE double scale_of(const Kind *kind, int row)
 {
-    return !(low <= high && low < __builtin_inf() && high > -__builtin_inf());
+    return kind->scale ? kind->scale[row - kind->row] : 1.0;
 }
 
 static int load_bounds(Workspace *s, const Call *call)
@@ -28,28 +37,21 @@ static int load_bounds(Workspace *s, const Call *call)
             LANE(s->low[i], k) = -__builtin_inf();
             LANE(s->high[i], k) = __builtin_inf();
         }
-    for (int k = 0; k < N; k++)
-        for (int i = 0; i < NU; i++) {
-            double low = call->u_low[k * NU + i], high = call->u_high[k * NU + i];
-            bad |= wrong(low, high);
-            set_bound(s, i, k, low / SCALE_U[i], high / SCALE_U[i]);
+    FOR_KINDS(kind)
+        FOR_ELEMENTS(kind, kind->first, row, k, e) {
+            double low = call->low[kind - KIND][e], high = call->high[kind - KIND][e];
+            /* no number lies between the limits, or one of them is NaN */
+            bad |= !(low <= high && low < __builtin_inf() && high > -__builtin_inf());
+            low /= scale_of(kind, row);
+            high /= scale_of(kind, row);
+            if (high - low < LEAST_ROOM) {
+                double middle = 0.5 * (low + high);
+                low = middle - 0.5 * LEAST_ROOM;
+                high = middle + 0.5 * LEAST_ROOM;
+            }
+            LANE(s->low[row], k) = low;
+            LANE(s->high[row], k) = high;
         }
-    for (int k = 1; k <= N; k++)
-        for (int i = 0; i < NX; i++) {
-            double low = call->x_low[k * NX + i], high = call->x_high[k * NX + i];
-            bad |= wrong(low, high);
-            set_bound(s, NU + i, k, low / SCALE_X[i], high / SCALE_X[i]);
-        }
-    for (int k = 0; k < N; k++)
-        for (int i = 0; i < STAGE_NG; i++) {
-            double low = call->g_low[k * STAGE_NG + i], high = call->g_high[k * STAGE_NG + i];
-            bad |= wrong(low, high);
-            set_bound(s, NW + i, k, low, high);
-        }
-    for (int i = 0; i < LAST_NG; i++) {
-        bad |= wrong(call->h_low[i], call->h_high[i]);
-        set_bound(s, NW + i, N, call->h_low[i], call->h_high[i]);
-    }
     s->n_bounded = 0;
     for (int i = 0; i < NV; i++) {
         M any = {};
@@ -77,19 +79,6 @@ static double load_row(double *row, const double *matrix, int first, int rows, i
         row[k] = value;
     }
     return finite;
-}
-
-/* Set multipliers of absent bounds to 0: they are from a solve with other bounds. */
-static void drop_unbounded(const Workspace *s, Point *at)
-{
-    for (int i = 0, b = 0; i < NV; i++) {
-        if (b < s->n_bounded && s->bounded[b] == i) {
-            b++;
-            continue;
-        }
-        memset(at->z_low[i], 0, sizeof(Row));
-        memset(at->z_high[i], 0, sizeof(Row));
-    }
 }
 
 /* Parameters, bounds and masks; 0 when a number is not finite or limits cross. */
@@ -129,56 +118,46 @@ static int load_guess(Workspace *s, const Call *call)
 }
 
 /* Multipliers of the guess, those of bounds as +z and -z: set_multipliers keeps the positive one.
- * 0 when a number is not finite. */
+ * Those of absent bounds are 0: they are from a solve with other bounds. Returns 0 when a number
+ * is not finite. */
 static int load_multipliers(Workspace *s, const Call *call)
 {
     Point *at = &s->at;
     double finite = 0;
-    for (int k = 0; k < N; k++) {
-        for (int i = 0; i < NX; i++)
+    for (int k = 0; k < N; k++)
+        for (int i = 0; i < NX; i++) {
             LANE(at->lam[i], k) = -call->m_dynamics[k * NX + i] * SCALE_X[i];
-        for (int i = 0; i < NU; i++)
-            LANE(at->z_high[i], k) = call->m_u[k * NU + i] * SCALE_U[i];
-        for (int i = 0; i < STAGE_NG; i++)
-            LANE(at->z_high[NW + i], k) = call->m_g[k * STAGE_NG + i];
-    }
-    for (int k = 1; k <= N; k++)
-        for (int i = 0; i < NX; i++)
-            LANE(at->z_high[NU + i], k) = call->m_x[k * NX + i] * SCALE_X[i];
-    for (int i = 0; i < LAST_NG; i++)
-        LANE(at->z_high[NW + i], N) = call->m_h[i];
-    for (int i = 0; i < NV; i++)
-        for (int j = 0; j < GROUPS; j++) {
-            finite += sum(at->z_high[i][j] * 0.0);
-            at->z_low[i][j] = -at->z_high[i][j];
+            finite += LANE(at->lam[i], k) * 0.0;
         }
-    for (int i = 0; i < NX; i++)
-        for (int j = 0; j < GROUPS; j++)
-            finite += sum(at->lam[i][j] * 0.0);
-    drop_unbounded(s, at);
+    FOR_KINDS(kind)
+        FOR_ELEMENTS(kind, kind->first, row, k, e) {
+            double z = call->m[kind - KIND][e] * scale_of(kind, row);
+            finite += z * 0.0;
+            LANE(at->z_high[row], k) = z;
+        }
+    for (int i = 0, b = 0; i < NV; i++) {
+        if (b < s->n_bounded && s->bounded[b] == i) {
+            b++;
+            for (int j = 0; j < GROUPS; j++)
+                at->z_low[i][j] = -at->z_high[i][j];
+        } else {
+            memset(at->z_high[i], 0, sizeof(Row));
+        }
+    }
     memcpy(&s->next, at, sizeof *at);
     return finite == 0;
 }
 
 static void store(const Workspace *s, const Point *at, const Call *call)
 {
-    for (int k = 0; k <= N; k++)
-        for (int i = 0; i < NX; i++) {
-            call->X[k * NX + i] = LANE(at->v[NU + i], k) * SCALE_X[i];
-            call->m_x[k * NX + i] =
-                (LANE(at->z_high[NU + i], k) - LANE(at->z_low[NU + i], k)) / SCALE_X[i];
+    FOR_KINDS(kind)
+        FOR_ELEMENTS(kind, kind->origin, row, k, e) {
+            double scale = scale_of(kind, row);
+            call->m[kind - KIND][e] = (LANE(at->z_high[row], k) - LANE(at->z_low[row], k)) / scale;
+            if (row < NW)
+                (row < NU ? call->U : call->X)[e] = LANE(at->v[row], k) * scale;
         }
-    for (int k = 0; k < N; k++) {
-        for (int i = 0; i < NU; i++) {
-            call->U[k * NU + i] = LANE(at->v[i], k) * SCALE_U[i];
-            call->m_u[k * NU + i] = (LANE(at->z_high[i], k) - LANE(at->z_low[i], k)) / SCALE_U[i];
-        }
+    for (int k = 0; k < N; k++)
         for (int i = 0; i < NX; i++)
             call->m_dynamics[k * NX + i] = -LANE(at->lam[i], k) / SCALE_X[i];
-        for (int i = 0; i < STAGE_NG; i++)
-            call->m_g[k * STAGE_NG + i] =
-                LANE(at->z_high[NW + i], k) - LANE(at->z_low[NW + i], k);
-    }
-    for (int i = 0; i < LAST_NG; i++)
-        call->m_h[i] = LANE(at->z_high[NW + i], N) - LANE(at->z_low[NW + i], N);
 }

@@ -165,28 +165,24 @@ INLINE int is_bad(double x) { return !(fabs(x) < __builtin_inf()); }
 static int find_bad_derivative(const Workspace *s, Call *call)
 {
     for (int k = 0; k <= N; k++) {
-        int part = -1;
+        int cost = 0, constraints = 0, dynamics = 0;
         for (int i = 0; i < NW; i++)
-            if ((k > 0 || i < NU) && is_bad(LANE(s->q[i], k)))
-                part = COST;
+            cost |= (k > 0 || i < NU) && is_bad(LANE(s->q[i], k));
         if (k < N) {
             for (int e = 0; e < STAGE_H_NZ; e++)
-                if ((k > 0 || STAGE_H_ROW[e] < NU || STAGE_H_COL[e] < NU) && is_bad(LANE(s->H[e], k)))
-                    part = COST;
+                cost |= is_bad(LANE(s->H[e], k)) &&
+                        (k > 0 || STAGE_H_ROW[e] < NU || STAGE_H_COL[e] < NU);
             for (int e = 0; e < STAGE_Jg_NZ; e++)
-                if ((k > 0 || STAGE_Jg_COL[e] < NU) && is_bad(LANE(s->JG[e], k)))
-                    part = CONSTRAINTS;
+                constraints |= (k > 0 || STAGE_Jg_COL[e] < NU) && is_bad(LANE(s->JG[e], k));
             for (int e = 0; e < STAGE_JF_NZ; e++)
-                if (is_bad(LANE(s->JF[e], k)))
-                    part = DYNAMICS;
+                dynamics |= is_bad(LANE(s->JF[e], k));
         } else {
             for (int e = 0; e < LAST_H_NZ; e++)
-                if (is_bad(s->last_H[e][0]))
-                    part = COST;
+                cost |= is_bad(s->last_H[e][0]);
             for (int e = 0; e < LAST_Jg_NZ; e++)
-                if (is_bad(s->last_JG[e][0]))
-                    part = CONSTRAINTS;
+                constraints |= is_bad(s->last_JG[e][0]);
         }
+        int part = dynamics ? DYNAMICS : constraints ? CONSTRAINTS : cost ? COST : -1;
         if (part >= 0) {
             call->stage = k;
             call->part = part;

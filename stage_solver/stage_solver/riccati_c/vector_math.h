@@ -68,22 +68,6 @@ static __attribute__((noinline, unused)) V v_each2(double (*f)(double, double), 
         y[i] = f(a[i], b[i]);
     return y;
 }
-#define w_asin asin
-#define w_acos acos
-#define w_sinh sinh
-#define w_cosh cosh
-#define w_asinh asinh
-#define w_acosh acosh
-#define w_atanh atanh
-#define w_erf erf
-#define w_log1p log1p
-#define w_expm1 expm1
-#define w_floor floor
-#define w_ceil ceil
-#define w_pow pow
-#define w_atan2 atan2
-#define w_fmod fmod
-#define w_hypot hypot
 
 /* pi/2 in three parts; the first two have so few bits that their products with n are exact */
 static const double HALF_PI_1 = 1.57079625129699707031e0;

@@ -29,12 +29,14 @@ typedef struct {
     double f, log_sum, violation, largest;
 } Values;
 
+enum { KINDS = 4 }; /* of limited quantities: x, u, g, and h of the last stage */
+
 /* Caller's data, SI units, row k = stage k. */
 typedef struct {
     const double *x0, *P;
-    const double *x_low, *x_high, *u_low, *u_high, *g_low, *g_high, *h_low, *h_high;
-    double *X, *U;                              /* guess, then result */
-    double *m_x, *m_u, *m_dynamics, *m_g, *m_h; /* their multipliers, likewise */
+    const double *low[KINDS], *high[KINDS];
+    double *X, *U;                 /* guess, then result */
+    double *m[KINDS], *m_dynamics; /* their multipliers, likewise */
     double tolerance, time_limit, warm_mu;
     double step_residual, step_decrease; /* 0, or when one step is enough (ONE_STEP) */
     double cost, primal_residual, dual_residual; /* result */

@@ -272,11 +272,11 @@ def test_the_offset_of_a_converging_edge_is_measured_on_the_normal_of_the_path()
 def test_a_moving_obstacle_moves_along_the_path_and_a_resting_one_stays():
     t = 0.05 * np.arange(51)
     X, Y = on_circle(30.0 + 8.0 * t, 1.5)
-    moving = frenet_frame.disc_to_frenet(circle(), Disc(X, Y, 1.0), 30.0)
-    assert moving.s == pytest.approx(30.0 + 8.0 * t, abs=1e-3)
-    assert moving.e == pytest.approx(np.full(51, 1.5), abs=1e-3)
-    resting = frenet_frame.disc_to_frenet(circle(), Disc(0 * t + X[0], 0 * t + Y[0], 1.0), 30.0)
-    assert resting.s == pytest.approx([30.0], abs=1e-3)
+    s, e, _ = frenet_frame.disc_to_frenet(circle(), Disc(X, Y, 1.0), 30.0)
+    assert s == pytest.approx(30.0 + 8.0 * t, abs=1e-3)
+    assert e == pytest.approx(np.full(51, 1.5), abs=1e-3)
+    s, *_ = frenet_frame.disc_to_frenet(circle(), Disc(0 * t + X[0], 0 * t + Y[0], 1.0), 30.0)
+    assert s == pytest.approx([30.0], abs=1e-3)
 
 
 def test_a_long_segment_is_found_although_its_ends_are_far():
