@@ -91,7 +91,7 @@ class Layout(NamedTuple):
     end: float  # m, x of the end of the second change
 
 
-def lane_change_task(random: Random, hard: bool) -> dict[str, Any]:
+def lane_change_task(random: Random) -> dict[str, Any]:
     """Return a task: a scenario document with SETTINGS and VALUES.
 
     There are no hard ones. Raises RuntimeError where no course demands S at an allowed speed.
