@@ -114,8 +114,8 @@ def run(
     for row in {row.controller: row for row in rows}.values():
         drive_row.prepare(row, written='--set {}'.format)
     notes = {'library': json.dumps(vars(options), default=str)}
-    with row_runner.driving(options, console) as workers:
-        lines = row_runner.run_rows(rows, options.out, *workers, options.time_limit_s, notes)
+    with row_runner.driving(options, console) as pool:
+        lines = row_runner.run_rows(rows, options.out, pool, options.time_limit_s, notes)
     is_well = _show(lines, entries, options.at_least, console)
     return 0 if is_well and not any(line['error'] for line in lines) else 1
 

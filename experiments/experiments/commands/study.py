@@ -58,6 +58,6 @@ def run(options: argparse.Namespace) -> int:
         from experiments import row_runner
         from experiments.decisive import run as study
 
-        with row_runner.driving(options, console) as workers:
-            study.run(own, out, *workers, options.replicates)
+        with row_runner.driving(options, console) as pool:
+            study.run(own, out, pool, options.replicates)
     return 0

@@ -24,7 +24,6 @@ from experiments.drive_row import Offset, Row
 from experiments.families.draw import NOMINAL
 from experiments.library import ALL, family_of, share_cell
 from experiments.pool import Pool
-from experiments.progress import CountProgress
 from experiments.statistical_inference import paired_interval
 from experiments.survivable.survival_search import (
     IMPOSSIBLE,
@@ -114,14 +113,10 @@ def _search(draws, options, folder, failures, console) -> Mapping[Row, str]:
         return {}
     how = options.budget, options.preview
     errors: dict[str, str] = {}
-    with (
-        CountProgress(console) as progress,
-        DriveRecords(folder) as records,
-        Pool(options.jobs) as pool,
-    ):
+    with DriveRecords(folder) as records, Pool(options.jobs, console=console) as pool:
         keys = {draw: verdict_key(draw, *how) for draw in draws}
         tasks = {key: (draw, *how) for draw, key in keys.items()}
-        records.finish_all(pool, progress, verdict, tasks, errors)
+        records.finish(pool, verdict, tasks, errors)
         for key, error in errors.items():
             failures.append(f'{tasks[key][0].scenario}: no verdict: {error}')
         return {
