@@ -19,8 +19,8 @@ import pandas
 from rich.console import Console
 from rich.table import Table
 
+from bags.command_line import table
 from bags.errors import BagError
-from experiments import console as tables
 from experiments import drive_row, row_runner
 from experiments.batch import distributions, study_file
 from experiments.batch.study_file import StudyFile
@@ -115,7 +115,7 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> Table:
         shares = (f'{driven[name].mean():.1%}' if len(driven) else '–' for name in SHARES)
         texts.append([*pair, count, *shares])
     columns = 'scenario', 'controller', 'drives', *(share.replace('_', '\n') for share in SHARES)
-    return tables.table(columns, texts, left=columns[:2], overflow='fold', min_width=9)
+    return table(columns, texts, left=columns[:2], overflow='fold', min_width=9)
 
 
 def combine(study: StudyFile) -> list[Row]:

@@ -15,9 +15,9 @@ import pandas
 from rich.console import Console
 from rich.table import Table
 
+from bags import command_line
 from bags.command_line import print_text
 from bags.errors import BagError
-from experiments import console as tables
 from experiments import drive_row, row_runner
 from experiments.drive_records import DriveRecords
 from experiments.drive_row import Offset, Row
@@ -141,7 +141,7 @@ def build_table(drives: pandas.DataFrame) -> Table:
             cells.append(share_cell(survived, int(by_name[ANSWER].eq(POSSIBLE).sum()), digits=0))
             cells.append(f'{survived / strict:.0%}' if strict else '–')
         rows.append([family, *cells])
-    return tables.table(['survived of the possible', *kinds, *scores], rows)
+    return command_line.table(['survived of the possible', *kinds, *scores], rows)
 
 
 def build_pairs(drives: pandas.DataFrame, base: str) -> Table:
@@ -153,7 +153,7 @@ def build_pairs(drives: pandas.DataFrame, base: str) -> Table:
     counts = 'draws', 'both', f'{base} only', 'it only', 'neither'
     others = [name for name in dict.fromkeys(drives['name']) if name != base]
     rows = [[other, *pair_cells(*split_pairs(drives, base, other))] for other in others]
-    return tables.table([f'{base} and', *counts, 'difference (95 %)', 'p'], rows)
+    return command_line.table([f'{base} and', *counts, 'difference (95 %)', 'p'], rows)
 
 
 def split_pairs(drives: pandas.DataFrame, base: str, other: str) -> tuple[int, int, int, int]:
