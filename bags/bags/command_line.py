@@ -19,10 +19,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from bags.errors import BagError
-from msgs_yaml.strict_yaml import closest
+from msgs_yaml.strict_yaml import InputError, closest
 from node_runtime import provenance
-from node_runtime.parameters import ParameterError
 
 GARBAGE_THRESHOLD = 50_000  # new objects between two collections
 NOTHING_MEANT: Mapping[str, str] = MappingProxyType({})
@@ -76,7 +74,7 @@ def main(
         text = f'{program} needs the module {missing} for this: `make studies`, or pip, installs it'
         print(f'error: {text}', file=sys.stderr)
         return 1
-    except (BagError, ParameterError, OSError) as error:
+    except (InputError, OSError) as error:
         text = str(error)
         if isinstance(error, OSError) and error.strerror and error.filename:
             # the file first, without the errno of the system

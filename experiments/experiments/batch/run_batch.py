@@ -215,7 +215,7 @@ def locate_error(study: StudyFile, combination: Row, error: BagError) -> BagErro
             try:
                 check(combination._replace(settings=((setting.name, value),)))
             except BagError as alone:
-                return BagError(str(item.error(str(alone))))
+                return item.error(str(alone))
     return BagError(f'{study.path}: {combination}: {error}')
 
 
@@ -234,4 +234,4 @@ def check_drawn(study: StudyFile, combinations: Sequence[Row]) -> None:
                 try:
                     check(combination._replace(settings=settings))
                 except BagError as error:
-                    raise BagError(str(drawn.item.error(f'{end}: {error}'))) from None
+                    raise drawn.item.error(f'{end}: {error}') from None

@@ -71,10 +71,7 @@ def stop_params(scn: Scenario) -> StopParams:
 
 def load_scenario(name_or_path: str, **changes: Any) -> Scenario:
     """Return a scenario, changed as by `change_scenario`. Raises BagError."""
-    try:
-        return change_scenario(scenario.load(name_or_path), name_or_path, **changes)
-    except scenario.ScenarioError as error:
-        raise BagError(str(error)) from None
+    return change_scenario(scenario.load(name_or_path), name_or_path, **changes)
 
 
 def change_scenario(
@@ -86,7 +83,7 @@ def change_scenario(
 ) -> Scenario:
     """Return a scenario, where given at another constant desired speed, friction, or predictions.
 
-    `source` names it in errors. Raises ScenarioError.
+    `source` names it in errors. Raises BagError.
     """
     if speed_mps is None and friction is None and predictions is None:
         return scn
@@ -229,10 +226,7 @@ def check_parameters(nodes: Sequence[Node]) -> dict[str, tuple[Any, Any]]:
     checked = {node.role: _load(node) for node in nodes if node.role in LOADERS}
     for node in nodes:
         if node.role == CONTROLLER:
-            try:
-                car_file.check_limits(*checked[CONTROLLER], node.origins)
-            except parameters.ParameterError as error:
-                raise BagError(str(error)) from None
+            car_file.check_limits(*checked[CONTROLLER], node.origins)
     return checked
 
 

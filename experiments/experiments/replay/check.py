@@ -129,10 +129,7 @@ def replay_estimates(bag: read.Bag) -> dict[int, tuple[EstimatedState, Estimated
     if noted is None or bag.run_info.get('mode') != read.LOCKSTEP:
         return {}
     own = {name: noted[name] for name in parameters.leaves(EstimatorParams) if name in noted}
-    try:
-        params = parameters.build(EstimatorParams, own, lambda name: str(bag.path))
-    except parameters.ParameterError as error:
-        raise BagError(str(error)) from None
+    params = parameters.build(EstimatorParams, own, lambda name: str(bag.path))
     stream, replayed = Stream(params), {}
     for message in _in_order(bag):
         believed = stream.take(message)
