@@ -44,7 +44,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Search and show; 0 when no search failed. Raises BagError."""
-    # imported late: simulation and controllers take a second to load
     from experiments.survivable import report
 
     # a table has a column per controller

@@ -32,7 +32,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the table and write its files; 0. Raises BagError."""
-    # imported late: pandas takes a second to load
     from experiments.results import drive_table, marginals
 
     drives, console = drive_table.load(options.table), Console()

@@ -26,7 +26,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Tune and show; return 0. Raises BagError."""
-    # imported late: controllers and pandas take a second to load
     from experiments import row_runner, tuning
     from experiments.commands import study
     from experiments.decisive import plan

@@ -31,51 +31,43 @@ DIFFICULTIES = (NOMINAL, HARD)
 Family = Callable[[Trial], Document]
 
 
-def _families(*modules: ModuleType) -> Mapping[str, Family]:
+def _families(*modules: ModuleType) -> dict[str, Family]:
     """Return the public functions of modules by name."""
-    return MappingProxyType(
-        {
-            name: member
-            for module in modules
-            for name, member in vars(module).items()
-            if getattr(member, '__module__', '') == module.__name__
-            and isfunction(member)
-            and not name.startswith('_')
-        }
-    )
+    return {
+        name: member
+        for module in modules
+        for name, member in vars(module).items()
+        if isfunction(member) and member.__module__ == module.__name__ and not name.startswith('_')
+    }
 
 
 FAMILIES = _families(open_road, lane_course)
 # drives among others on roads that bend: of the library where they are named
 TRAFFIC = _families(traffic)
-# whose draws differ from those of another family in one thing only
-PAIRED = MappingProxyType({'unforeseen_pedestrian': 'hidden_pedestrian'})
-LIBRARY = MappingProxyType({**FAMILIES, **TRAFFIC})
+LIBRARY = FAMILIES | TRAFFIC
 # those of the library, and tasks of the study of tuned controllers
-DRAWN = MappingProxyType({**LIBRARY, lane_change_task.NAME: lane_change_task.lane_change_task})
+DRAWN = LIBRARY | {lane_change_task.NAME: lane_change_task.lane_change_task}
+# whose draws differ from those of another family in one thing only
+PAIRED = {'unforeseen_pedestrian': 'hidden_pedestrian'}
 MAX_TRIALS = 10_000  # of a draw
 MOTION_STEP_S = 0.1  # of the positions from which accelerations of others follow
 HARD_FRICTION = (0.5, 1.0)
 BELIEVED_FRICTION = 1.0
 HARD_DELAY_MS = (0, 40)  # of commands
 # of measurements, uniform to either side
-HARD_BIASES: Mapping[str, float] = MappingProxyType(
-    {
-        'ahead_bias_m': 0.3,
-        'left_bias_m': 0.15,
-        'speed_error': 0.02,  # share of the speed
-        'sideslip_bias_rad': 0.01,
-    }
-)
-HARD_NOISE: Mapping[str, float] = MappingProxyType(
-    {
-        'position_noise_m': 0.02,
-        'yaw_noise_rad': 0.002,
-        'yaw_rate_noise_radps': 0.01,
-        'obstacle_noise_m': 0.05,
-        'obstacle_dropout': 0.05,  # share of the time
-    }
-)
+HARD_BIASES = {
+    'ahead_bias_m': 0.3,
+    'left_bias_m': 0.15,
+    'speed_error': 0.02,  # share of the speed
+    'sideslip_bias_rad': 0.01,
+}
+HARD_NOISE = {
+    'position_noise_m': 0.02,
+    'yaw_noise_rad': 0.002,
+    'yaw_rate_noise_radps': 0.01,
+    'obstacle_noise_m': 0.05,
+    'obstacle_dropout': 0.05,  # share of the time
+}
 
 
 class Draw(NamedTuple):
