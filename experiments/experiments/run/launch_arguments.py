@@ -87,8 +87,8 @@ def read_files(
             raise item.error(f'no node of this run; allowed {known}, {EVERY_NODE}{hint}')
         leaves = parameters.leaf_items(item.members((PARAMETERS,))[PARAMETERS])
         for role in roles:
-            found = {name: leaf.value_or_empty() for name, leaf in leaves.items()}
-            values.setdefault(role, {}).update(found)
+            given = {name: leaf.value_or_empty() for name, leaf in leaves.items()}
+            values.setdefault(role, {}).update(given)
             lines = {name: f'{path}:{leaf.line}' for name, leaf in leaves.items()}
             sources.setdefault(role, {}).update(lines)
     return values, sources
