@@ -2,6 +2,7 @@
 
 main           run a subcommand
 add_bag ...    arguments that several subcommands have
+table          a table without lines
 print_...      a summary as JSON or for a person, lines, paths
 """
 
@@ -12,16 +13,14 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from bags.errors import BagError
-from msgs_yaml.strict_yaml import closest
+from msgs_yaml.strict_yaml import InputError, closest
 from node_runtime import provenance
-from node_runtime.parameters import ParameterError
 
 GARBAGE_THRESHOLD = 50_000  # new objects between two collections
 NOTHING_MEANT: Mapping[str, str] = MappingProxyType({})
@@ -75,7 +74,7 @@ def main(
         text = f'{program} needs the module {missing} for this: `make studies`, or pip, installs it'
         print(f'error: {text}', file=sys.stderr)
         return 1
-    except (BagError, ParameterError, OSError) as error:
+    except (InputError, OSError) as error:
         text = str(error)
         if isinstance(error, OSError) and error.strerror and error.filename:
             # the file first, without the errno of the system
@@ -121,19 +120,46 @@ def add_out(parser: argparse.ArgumentParser, default: Path | str, content: str) 
     parser.add_argument('--out', type=Path, default=path, metavar='DIR', help=text)
 
 
+def wide_console(width: int = UNBOUNDED) -> Any:
+    """Return a console of so many characters in a file or pipe, unless COLUMNS says otherwise."""
+    from rich.console import Console
+
+    is_free = not sys.stdout.isatty() and 'COLUMNS' not in os.environ
+    return Console(width=width) if is_free else Console()
+
+
 def print_summary(
     summary: Mapping[str, Any], as_json: bool, show: Callable[[Mapping[str, Any], Any], None]
 ) -> int:
     """Print a summary as JSON, or by `show(summary, console)`; return exit code 0."""
-    from rich.console import Console
-
     if as_json:
         print(json.dumps(summary, indent=2))
-        return 0
-    # a pipe or a file has no width: one line per row, unless COLUMNS says otherwise
-    is_free = not sys.stdout.isatty() and 'COLUMNS' not in os.environ
-    show(summary, Console(width=UNBOUNDED) if is_free else Console())
+    else:
+        show(summary, wide_console())
     return 0
+
+
+def table(
+    columns: Sequence[str],
+    rows: Iterable[Sequence[Any]],
+    left: Collection[str] | None = None,
+    **column: Any,
+) -> Any:
+    """Return a table (rich) of texts, which may have markup.
+
+    The columns `left`, by default the first, are aligned to the left, the others to the right;
+    `column` are further settings of all of them.
+    """
+    from rich.markup import escape
+    from rich.table import Table
+
+    left = columns[:1] if left is None else left
+    result = Table(box=None, padding=(0, 2, 0, 0))
+    for name in columns:
+        result.add_column(escape(name), justify='left' if name in left else 'right', **column)
+    for row in rows:
+        result.add_row(*row)
+    return result
 
 
 def print_text(console: Any, text: str, style: str | None = None) -> None:

@@ -1,8 +1,10 @@
 """Errors and warnings of this package; each message is one line for a person."""
 
+from msgs_yaml.strict_yaml import InputError
 
-class BagError(Exception):
-    """A bag cannot be written, read or repaired; the message says which, why and what helps."""
+# a bag that cannot be written, read or repaired; who catches it also gets mistakes in YAML files,
+# scenarios and parameters, which a run is made of
+BagError = InputError
 
 
 class DamagedBagWarning(UserWarning):

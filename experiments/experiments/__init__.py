@@ -25,7 +25,6 @@ Common
     drive_records      finished drives, kept one by one
     pool               processes of this machine or of a dask.distributed cluster
     code_version       the code that decides a drive
-    console            tables on the console
     progress           progress on the console
     pass_criteria      what a scenario expects of a run
     tick_events        events of a drive that name a tick

@@ -7,13 +7,12 @@ kill or a full disk tore is noticed, and its drive is simulated again.
 import fcntl
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from io import BytesIO
 from pathlib import Path
 
 from bags.errors import BagError
 from experiments.pool import Pool
-from experiments.progress import CountProgress
 
 FILE = 'drives.jsonl'
 KEY, RESULTS = 'key', 'results'
@@ -72,40 +71,34 @@ class DriveRecords(dict[str, str]):
         pool: Pool,
         function: Callable,
         tasks: Mapping[str, tuple],
-        limit_s: float = math.inf,
-    ) -> Iterator[tuple[str, Exception | None]]:
-        """Do the tasks, by key, that have no record; yield key and error of each as it ends.
-
-        `function` returns the results, a JSON object, which are kept; `limit_s` is the wall time
-        after which a task fails.
-        """
-        missing = {key: task for key, task in tasks.items() if key not in self}
-        keys = list(missing)
-        for ended in pool.finish_each(function, [*missing.values()], limit_s):
-            key = keys[ended.number]
-            if not ended.error:
-                self.add(key, ended.value)
-            yield key, ended.error
-
-    def finish_all(
-        self,
-        pool: Pool,
-        progress: CountProgress,
-        function: Callable,
-        tasks: Mapping[str, tuple],
         errors: dict[str, str],
         limit_s: float = math.inf,
+        noted: type[Exception] = Exception,
+        before: int = 0,
     ) -> None:
-        """Do the tasks as `finish`, and show how many have ended; errors go to `errors`, by key."""
-        done, total = sum(key in self for key in tasks), len(tasks)
-        progress.show('drives', done, total)
-        for key, error in self.finish(pool, function, tasks, limit_s):
-            if error:
+        """Do the tasks, by key, that have no record, and show how many have ended.
+
+        function  returns the results, a JSON object, which are kept
+        errors    by key, of the class `noted`; others are raised
+        limit_s   wall time after which a task fails
+        before    drives of the command before these; then lines of progress are left out
+        """
+        missing = [key for key in tasks if key not in self]
+        total, show = len(tasks), pool.progress.show
+        done, note = total - len(missing), f'{before:,} before' if before else ''
+        show('drives', done, total, note)
+        for ended in pool.finish_each(function, [tasks[key] for key in missing], limit_s):
+            key, error = missing[ended.number], ended.error
+            if not error:
+                self.add(key, ended.value)
+            elif not isinstance(error, noted):
+                raise error
+            else:
                 # those that a person was meant to read have no class
                 kind = '' if isinstance(error, BagError) else f'{type(error).__name__}: '
                 errors[key] = ' '.join(f'{kind}{error}'.split())
+                note = f'{len(errors):,} failed'
             done += 1
-            note = f'{len(errors):,} failed' if errors else ''
-            progress.show('drives', done, total, note)
-            if done * LINES // total > (done - 1) * LINES // total:
-                progress.print_line(' '.join((f'{done:,} of {total:,}', note)).rstrip())
+            show('drives', done, total, note)
+            if not before and done * LINES // total > (done - 1) * LINES // total:
+                pool.progress.print_line(' '.join((f'{done:,} of {total:,}', note)).rstrip())

@@ -207,10 +207,7 @@ def _load(row, changes) -> tuple[Scenario, Mapping[str, Mapping[str, Any]]]:
     if row.draw is None:
         return inputs.load_scenario(row.scenario, **changes), {}
     draw = _draw(*row.draw[:4])
-    try:
-        return inputs.change_scenario(draw.scenario(), draw.name, **changes), draw.settings
-    except scenario.ScenarioError as error:
-        raise BagError(str(error)) from None
+    return inputs.change_scenario(draw.scenario(), draw.name, **changes), draw.settings
 
 
 # searches drive the same draws again and again

@@ -13,9 +13,8 @@ import pandas
 from rich.console import Console
 from rich.table import Table
 
-from bags.command_line import print_text
+from bags.command_line import print_text, table
 from bags.errors import BagError
-from experiments import console as tables
 from experiments import drive_row, pass_criteria, row_runner
 from experiments.configuration import node_config
 from experiments.drive_row import SCENARIO_SPEED, Row
@@ -40,7 +39,7 @@ def show_catalogue(console: Console) -> int:
     entries = {name: scenario.load(name).description for name in entries_of_library()}
     for title, members in (('family', families), ('entry', entries)):
         rows = [(name, ' '.join(text.split())) for name, text in members.items()]
-        console.print(tables.table((title, ''), rows, left=(title, '')))
+        console.print(table((title, ''), rows, left=(title, '')))
     return 0
 
 
@@ -114,8 +113,8 @@ def run(
     for row in {row.controller: row for row in rows}.values():
         drive_row.prepare(row, written='--set {}'.format)
     notes = {'library': json.dumps(vars(options), default=str)}
-    with row_runner.driving(options, console) as workers:
-        lines = row_runner.run_rows(rows, options.out, *workers, options.time_limit_s, notes)
+    with row_runner.driving(options, console) as pool:
+        lines = row_runner.run_rows(rows, options.out, pool, options.time_limit_s, notes)
     is_well = _show(lines, entries, options.at_least, console)
     return 0 if is_well and not any(line['error'] for line in lines) else 1
 
@@ -194,7 +193,7 @@ def build_table(rows: Rows) -> Table:
         [family, *(share_cell(*by_pair.get((family, name), (0, 0))) for name in controllers)]
         for family in families
     ]
-    return tables.table(['survived', *controllers], rows)
+    return table(['survived', *controllers], rows)
 
 
 def share_cell(survived: int, driven: int, digits: int = 1) -> str:

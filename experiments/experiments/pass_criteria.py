@@ -5,10 +5,10 @@ from typing import Any, NamedTuple
 
 from rich.table import Table
 
+from bags.command_line import table
 from bags.errors import BagError
 from bags.evaluation.metrics import METRICS
 from bags.evaluation.metrics.registry import flatten
-from experiments import console
 from msgs_yaml.strict_yaml import closest
 from scenario_publisher.expectations import Expectation, Expectations
 
@@ -56,4 +56,4 @@ def build_table(outcomes: Sequence[tuple[str, Outcome]]) -> Table:
         text = words[value] if isinstance(value, bool | None) else f'{value:.3g}'
         rows.append((run, expectation.metric, expectation.describe(), text, verdict))
     columns = ('run', 'expected', '', 'measured', '')
-    return console.table(columns, rows, left=columns, overflow='fold')
+    return table(columns, rows, left=columns, overflow='fold')

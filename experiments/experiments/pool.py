@@ -60,11 +60,18 @@ class Pool:
     address   of the scheduler, as `tcp://10.0.0.1:8786`; '' for this machine
     describe  called here and in every process of a cluster: {name: version} of what decides
               results; a process in which it differs is refused
+    console   on which its `progress` is shown, a CountProgress; without one there is none
 
     Entering it raises BagError for a scheduler without dask.distributed, or that does not answer.
     """
 
-    def __init__(self, jobs: int, address: str = '', describe: Describe = dict):
+    def __init__(
+        self, jobs: int, address: str = '', describe: Describe = dict, console: Any = None
+    ):
+        # imported late: the processes show nothing
+        if console:
+            from experiments.progress import CountProgress
+        self.progress = CountProgress(console) if console else None
         self._threads, self._address = jobs, address
         self._command = uuid.uuid4().hex
         # without a scheduler the processes are of this program
@@ -73,6 +80,8 @@ class Pool:
 
     def __enter__(self):
         with contextlib.ExitStack() as stack:
+            if self.progress:
+                stack.enter_context(self.progress)
             if self._address:
                 self._executor = self._connect(stack)
             else:

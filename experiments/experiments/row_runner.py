@@ -10,8 +10,7 @@ import importlib.util
 import json
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,6 @@ from experiments import code_version, drive_row
 from experiments.drive_records import DriveRecords
 from experiments.drive_row import Row
 from experiments.pool import Pool
-from experiments.progress import CountProgress
 from experiments.simulation import Setup
 from node_runtime import provenance
 
@@ -36,21 +34,15 @@ ORDER = {
 }
 
 
-@contextmanager
-def driving(options: argparse.Namespace, console: Console) -> Iterator[tuple[Pool, CountProgress]]:
-    """Yield the pool of the options --jobs and --dask, and the progress that it shows."""
-    with (
-        CountProgress(console) as progress,
-        Pool(options.jobs, options.dask, code_version.describe) as pool,
-    ):
-        yield pool, progress
+def driving(options: argparse.Namespace, console: Console) -> Pool:
+    """Return the pool of the options --jobs and --dask, which shows its progress."""
+    return Pool(options.jobs, options.dask, code_version.describe, console)
 
 
 def run_rows(
     rows: Sequence[Row],
     folder: Path,
     pool: Pool,
-    progress: CountProgress,
     limit_s: float,
     notes: Mapping[str, str],
     drive: Callable[[Setup], dict[str, Any]] = drive_row.drive,
@@ -75,18 +67,17 @@ def run_rows(
     with DriveRecords(folder) as records:
         if records.damaged:
             text = f'{records.path}: {records.damaged} damaged records are simulated again'
-            print_text(progress.console, text)
+            print_text(pool.progress.console, text)
         keys = []
         for row in rows:
             keys.append(drive_row.key(row))
-            progress.show('drawn', len(keys), len(rows))
+            pool.progress.show('drawn', len(keys), len(rows))
         kept = sum(key in records for key in keys)
         # what a process prepared for a controller serves its next rows
         ordered = sorted(zip(keys, rows), key=lambda pair: pair[1].formulation)
         tasks = {key: (row, key, drive) for key, row in ordered}
         try:
-            how = drive_row.drive_unchanged, tasks, errors, limit_s
-            records.finish_all(pool, progress, *how)
+            records.finish(pool, drive_row.drive_unchanged, tasks, errors, limit_s)
         except KeyboardInterrupt:
             interrupted = True
         ended_rows = [
@@ -104,7 +95,7 @@ def run_rows(
             f'{len(lines) - failed:,} of {len(rows):,} drives are kept; the same command goes on'
         ) from None
     print_text(
-        progress.console,
+        pool.progress.console,
         f'{len(lines):,} drives: {kept:,} were kept, {failed:,} failed; '
         f'{time.monotonic() - begin_s:.1f} s; {table}',
     )

@@ -174,18 +174,15 @@ def _load(given: ScenarioLike, changes: Mapping[str, float]) -> tuple[Scenario, 
     """Return a scenario and its source, for errors. Raises BagError."""
     if isinstance(given, str | os.PathLike):
         return inputs.load_scenario(os.fspath(given), **changes), os.fspath(given)
-    try:
-        if isinstance(given, Scenario):
-            return inputs.change_scenario(given, given.name, **changes), given.name
-        if not isinstance(given, Mapping):
-            raise BagError(
-                f'scenario: is {given!r}; allowed a name, a file, a Scenario, '
-                'or the content of a scenario file as a mapping'
-            )
-        scn = scenarios.parse(yaml.safe_dump(_plain(given), sort_keys=False), IN_MEMORY)
-        return inputs.change_scenario(scn, IN_MEMORY, **changes), IN_MEMORY
-    except scenarios.ScenarioError as error:
-        raise BagError(str(error)) from None
+    if isinstance(given, Scenario):
+        return inputs.change_scenario(given, given.name, **changes), given.name
+    if not isinstance(given, Mapping):
+        raise BagError(
+            f'scenario: is {given!r}; allowed a name, a file, a Scenario, '
+            'or the content of a scenario file as a mapping'
+        )
+    scn = scenarios.parse(yaml.safe_dump(_plain(given), sort_keys=False), IN_MEMORY)
+    return inputs.change_scenario(scn, IN_MEMORY, **changes), IN_MEMORY
 
 
 def _written(name: str) -> str:

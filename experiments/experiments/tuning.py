@@ -17,7 +17,6 @@ from experiments.decisive import arms, run
 from experiments.decisive.outcome import Driver
 from experiments.drive_records import DriveRecords
 from experiments.pool import Pool
-from experiments.progress import CountProgress
 from mpcc_controller.problem import formulation
 from msgs_yaml import share
 from node_runtime import parameters
@@ -43,7 +42,6 @@ def tune(
     seed: int,
     folder: Path,
     pool: Pool,
-    progress: CountProgress,
 ) -> Tuned:
     """Search, judge and write; an interrupted call goes on in its folder.
 
@@ -65,7 +63,7 @@ def tune(
     without = [name for name in ranges if name not in names]
     own = {**plan, 'tuned': {arm: {'controller': controller, 'without': without}}, 'derived': {}}
     with DriveRecords(folder) as records:
-        driver = Driver(records, pool, progress)
+        driver = Driver(records, pool)
         trials = run.search_arm(own, arm, seed, driver)
         weights = trials[-1].weights
         before = {name: float(values[name]) for name in weights}

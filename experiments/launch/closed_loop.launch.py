@@ -67,7 +67,7 @@ class RunMonitor:
 
 
 def start_nodes(context):
-    """Return the actions that start the nodes; raise BagError for arguments that cannot be used."""
+    """Return the actions that start the nodes; BagError or OSError for arguments of no use."""
     given = {
         argument.name: LaunchConfiguration(argument.name).perform(context) for argument in ARGUMENTS
     }

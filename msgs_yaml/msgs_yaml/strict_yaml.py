@@ -61,7 +61,11 @@ _KINDS = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 
 _ANY = {bool: 'true or false', str: 'any text'}
 
 
-class YamlError(ValueError):
+class InputError(Exception):
+    """What somebody gave cannot be used; the message, one line, says what, why, and what helps."""
+
+
+class YamlError(InputError, ValueError):
     """A mistake in a YAML file; the text begins with file:line."""
 
 

@@ -28,6 +28,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from msgs_yaml.strict_yaml import Choice as Choice  # with these parameters are declared
 from msgs_yaml.strict_yaml import (
+    InputError,
     Item,
     Leaf,
     Range,
@@ -47,7 +48,7 @@ LOWER_END, UPPER_END = '_min', '_max'  # of the names of a range's two ends
 SWITCH = 'on'  # parameter of a group: the others are needed where it is true
 
 
-class ParameterError(ValueError):
+class ParameterError(InputError, ValueError):
     """A parameter is unknown, missing, of the wrong type or out of range."""
 
 

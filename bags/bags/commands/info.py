@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from bags import command_line
@@ -38,22 +37,16 @@ def show(summary: Mapping[str, Any], console: Console) -> None:
     console.print(f'{summary["messages"]} messages in {summary["duration_s"]:.3f} s')
     if summary['damage']:
         console.print(Text(summary['damage'], style='red'))
-    table = Table(box=None, header_style='bold', pad_edge=False)
-    table.add_column('topic')
-    for title in ('messages', 'rate in Hz', 'longest gap in s', 'lost'):
-        table.add_column(title, justify='right')
+    columns, rows = ('topic', 'messages', 'rate in Hz', 'longest gap in s', 'lost'), []
     for name, counts in summary['topics'].items():
         lost = number_text(counts['lost'], 'd')
         if counts['lost']:
             lost += f' in {counts["lost_places"]} places'
-        table.add_row(
-            name,
-            Text(str(counts['messages']), style='' if counts['messages'] else 'red'),
-            number_text(counts['rate_hz'], '.2f'),
-            number_text(counts['longest_gap_s'], '.3f'),
-            Text(lost, style='red' if counts['lost'] else ''),
-        )
-    console.print(table)
+        messages = Text(str(counts['messages']), style='' if counts['messages'] else 'red')
+        rate, gap_s = number_text(counts['rate_hz'], '.2f'), counts['longest_gap_s']
+        lost = Text(lost, style='red' if counts['lost'] else '')
+        rows.append((name, messages, rate, number_text(gap_s, '.3f'), lost))
+    console.print(command_line.table(columns, rows))
     for line in describe_invalid(summary):
         print_text(console, line, 'red')
     for line in _describe_run(summary):

@@ -4,7 +4,6 @@ import argparse
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from bags import command_line
 from bags.command_line import number_text, print_text
@@ -35,16 +34,14 @@ def show(report: dict[str, Any], console: Console) -> None:
     from bags.evaluation.bag_summary import QUANTILES, describe_ticks
     from bags.storage.invalid_messages import describe_invalid
 
-    table = Table(box=None, header_style='bold', pad_edge=False)
-    table.add_column('ms')
-    for name in QUANTILES:
-        table.add_column(name, justify='right')
-    rows = {title: report['parts_ms'][name] for name, title in TITLES.items()}
-    rows['between two commands'] = report['interval_ms']
-    rows['state sent after its stamp'] = report['state_sent_after_its_stamp_ms']
-    for title, values in rows.items():
-        table.add_row(title, *(number_text((values or {}).get(name), '.2f') for name in QUANTILES))
-    console.print(table)
+    parts = {title: report['parts_ms'][name] for name, title in TITLES.items()}
+    parts['between two commands'] = report['interval_ms']
+    parts['state sent after its stamp'] = report['state_sent_after_its_stamp_ms']
+    rows = [
+        (title, *(number_text((values or {}).get(name), '.2f') for name in QUANTILES))
+        for title, values in parts.items()
+    ]
+    console.print(command_line.table(['ms', *QUANTILES], rows))
     for line in describe_invalid(report):
         print_text(console, line, 'red')
     console.print(describe_ticks(report['ticks']), highlight=False)

@@ -152,15 +152,13 @@ def _discs(ax, centre, radius, facts, strength):
 
 
 SHEET, TRAJECTORIES = 'comparison', 'trajectories'
-PANELS = {TRAJECTORIES: draw_trajectories, **panels.PANELS}
+PANELS = {TRAJECTORIES: draw_trajectories, **panels.FIGURES}
 # of the sheet, below the trajectories: panels and their relative widths
 ROWS = (
     {'v2o': 15, 'v2e_left': 11, 'v2e_right': 11, 'velocity': 11},
     {'sideslip': 12, 'road_wheel_angle': 12, 'longitudinal_force': 12, 'gg': 12},
 )
 WITH_AREAS = {TRAJECTORIES, 'v2o', 'v2e_left', 'v2e_right'}
-# the signal of a panel against the station, where it has another name
-SIGNALS = {'road_wheel_angle': 'steer', 'longitudinal_force': 'force'}
 ALL = (SHEET, *PANELS)
 FREE_SHARE = 0.96  # of the width of a figure, for title and legend
 
@@ -254,7 +252,7 @@ def _draw(name, ax, runs, overlays):
     PANELS[name](ax, runs)
     shown = []
     for laid in overlays:
-        across, signal = laid.axes.get(overlay.STATION), SIGNALS.get(name, name)
+        across, signal = laid.axes.get(overlay.STATION), panels.FIGURES_OF.get(name, name)
         if name == 'gg':
             across, signal = laid.signals.get('lateral'), 'gg_x'
         values = laid.signals.get(signal)

@@ -1,16 +1,19 @@
-"""The panels of a comparison against the station: each draws every run on one pair of axes.
+"""The panels of a comparison, for figures and page: each shows every run on one pair of axes.
 
 They follow the paper's double-lane-change figure: distances to edges and obstacles, velocity,
-sideslip angle, road-wheel angle, longitudinal force, and the G-G diagram, under its captions. In
-the panel of the distances to obstacles the closest approaches are enlarged.
+sideslip angle, road-wheel angle, longitudinal force, and the G-G diagram, under its captions; the
+page has more of them. In a figure they are against the station, and the closest approaches to
+obstacles are enlarged.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
+from bags.evaluation.controller_log import WHY, report_numbers
 from bags.evaluation.metrics.driving import GRAVITY
 from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.figures import style
@@ -24,15 +27,6 @@ TICKS_M = (0.0, 0.5, 1.0)
 BOTTOM, HEIGHT = 0.44, 0.46  # of the panel
 EVERY = 10  # of the 1 kHz samples one in this many is drawn
 FAR_M = 5.0  # distances beyond this are safe, and not drawn
-# of a vertical axis, by signal: noise is not to fill it, and 0.1 m/s not to look like braking
-LEAST_SPANS = {
-    'velocity': 5.0,  # m/s
-    'sideslip': 2.0,  # deg
-    'contouring': 0.5,  # m
-    'lateral': 2.0,  # m/s^2
-    'steer': 2.0,  # deg
-    'force': 2.0,  # kN
-}
 SPARE = 0.05  # of the span of the values, left free above and below them
 LEAST_MARGIN_M = 0.1  # of stations: a car that stands has only one
 KILO = 1e3
@@ -118,73 +112,102 @@ def legend_looks(runs: Sequence[EvaluatedDrive]) -> dict[str, style.Look]:
     return style.legend_looks({run.name: run.look for run in runs}, list(map(controller_of, runs)))
 
 
-# of a run: stamps (n,) [ns] and values (n,)
-SIGNALS = {
-    'velocity': lambda run: (run.drive.motion.stamp_ns, run.drive.motion.vx),
-    'sideslip': lambda run: (run.drive.motion.stamp_ns, np.degrees(run.series.sideslip)),
-    'contouring': lambda run: (run.drive.motion.stamp_ns, run.series.contouring),
-    'lateral': lambda run: (run.drive.accelerations.stamp_ns, run.drive.accelerations.ay),
-    'steer': lambda run: (run.drive.inputs.stamp_ns, np.degrees(run.drive.inputs.steer)),
-    'force': lambda run: (run.drive.inputs.stamp_ns, run.drive.inputs.force / KILO),
+class Panel(NamedTuple):
+    """One pair of axes against the station, or against time."""
+
+    name: str  # as overlays call it; also the id of its element on the page
+    title: str
+    axis: str  # label of the vertical axis with its unit, for Matplotlib
+    safe: str = ''  # the field of Facts with the safety distance, '' where that has no meaning
+    # of the axis: noise is not to fill it, and 0.1 m/s not to look like braking; 0: it begins at 0
+    least_span: float = 0.0
+    least_top: float = 0.0  # of an axis that begins at 0
+
+
+# of the friction the share that the controller's model uses
+PANELS = (
+    Panel('v2o', 'Vehicle-to-obstacle distance', '$D_{V2O}$ [m]', 'safe_obstacle'),
+    Panel('v2e_left', 'Vehicle-to-edge distance, left', '$D_{V2E}$ [m]', 'safe_edge'),
+    Panel('v2e_right', 'Vehicle-to-edge distance, right', '$D_{V2E}$ [m]', 'safe_edge'),
+    Panel('contouring', 'Distance from the coarse path', 'left positive [m]', least_span=0.5),
+    Panel('velocity', 'Longitudinal velocity', '$v_x$ [m/s]', least_span=5.0),
+    Panel('sideslip', 'Vehicle sideslip angle', '$β$ [deg]', least_span=2.0),
+    Panel('lateral', 'Lateral acceleration', '$a_y$ [m/s²]', least_span=2.0),
+    Panel('steer', 'Road-wheel angle', '$δ$ [deg]', least_span=2.0),
+    Panel('force', 'Longitudinal force input', '$F_x$ [kN], braking negative', least_span=2.0),
+    Panel('friction_front', 'Friction use in the controller, front', 'F / µF_z', least_top=1.05),
+    Panel('friction_rear', 'Friction use in the controller, rear', 'F / µF_z', least_top=1.05),
+    Panel('solve', 'Solve time per tick', '[ms]', least_top=20.0),
+)
+Curve = tuple[np.ndarray, np.ndarray]  # stamps (n,) [ns] and values (n,)
+
+
+def _reported(key, run):
+    why = run.tables.get(WHY)
+    return [(why.stamp_ns, report_numbers(why.values, key))] if why else []
+
+
+# of a run by panel, none where nothing was recorded
+CURVES: Mapping[str, Callable[[EvaluatedDrive], list[Curve]]] = {
+    'v2o': lambda run: [(run.stamp_ns, gap) for gap in run.series.v2o.values()],
+    'v2e_left': lambda run: [(run.stamp_ns, run.series.v2e['left'])],
+    'v2e_right': lambda run: [(run.stamp_ns, run.series.v2e['right'])],
+    'contouring': lambda run: [(run.stamp_ns, run.series.contouring)],
+    'velocity': lambda run: [(run.stamp_ns, run.drive.motion.vx)],
+    'sideslip': lambda run: [(run.stamp_ns, np.degrees(run.series.sideslip))],
+    'lateral': lambda run: [(run.drive.accelerations.stamp_ns, run.drive.accelerations.ay)],
+    'steer': lambda run: [(run.drive.inputs.stamp_ns, np.degrees(run.drive.inputs.steer))],
+    'force': lambda run: [(run.drive.inputs.stamp_ns, run.drive.inputs.force / KILO)],
+    'friction_front': partial(_reported, 'friction.front'),
+    'friction_rear': partial(_reported, 'friction.rear'),
+    'solve': partial(_reported, 'time.solve_ms'),
 }
 
 
-def axis_limits(name: str, columns: Iterable[np.ndarray]) -> tuple[float, float]:
-    """Return the limits of the vertical axis of a signal: its values, or its LEAST_SPANS."""
+def axis_limits(least_span: float, columns: Iterable[np.ndarray]) -> tuple[float, float]:
+    """Return the limits of a vertical axis: those of its values, at least so far apart."""
     finite = [column[np.isfinite(column)] for column in columns]
     values = np.concatenate([np.empty(0), *finite])
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
-    half = max((0.5 + SPARE) * (high - low), LEAST_SPANS[name] / 2)
+    half = max((0.5 + SPARE) * (high - low), least_span / 2)
     return (low + high) / 2 - half, (low + high) / 2 + half
 
 
-def draw_v2e(ax, runs: Sequence[EvaluatedDrive], side: str) -> None:
-    """Draw the distance between the vehicle circle and the road edge of a side (D_V2E)."""
-    safe, far = max(run.drive.facts.safe_edge for run in runs), f'{side} edge beyond {FAR_M:g} m'
-    _draw_distances(ax, runs, lambda run: [run.series.v2e[side]], safe, far)
-    ax.set(ylabel='$D_{V2E}$ [m]', title=f'Vehicle-to-edge distance, {side}')
+def safe_distance(runs: Sequence[EvaluatedDrive], panel: Panel) -> float:
+    """Return the largest safety distance [m] of runs in a panel that has one."""
+    return max(getattr(run.drive.facts, panel.safe) for run in runs)
 
 
-def draw_v2o(ax, runs):
-    """Draw the distance between the vehicle circle and each obstacle (D_V2O)."""
-    safe = max(run.drive.facts.safe_obstacle for run in runs)
-    far = f'no obstacle within {FAR_M:g} m'
-    _draw_distances(ax, runs, lambda run: run.series.v2o.values(), safe, far)
-    draw_insets(ax, runs)
-    ax.set(ylabel='$D_{V2O}$ [m]', title='Vehicle-to-obstacle distance')
+def draw_panel(ax, runs: Sequence[EvaluatedDrive], panel: Panel) -> None:
+    """Draw the curves of runs, and the extremes that the metrics report.
 
-
-def _draw_distances(ax, runs, gaps_of, safe, far):
-    """Draw gaps (n,) of each run with their smallest values; `far` says that all are large.
-
-    The unsafe area is shaded; small distances are shown, and half a metre below the smallest.
+    Of distances the unsafe area is shaded; small ones are shown, and half a metre below the
+    smallest.
     """
-    low, near = 0.0, False
-    for run in runs:
-        for gap in gaps_of(run):
-            _curve(ax, run, np.where(gap < 2 * FAR_M, gap, np.nan))
-            if np.any(gap < FAR_M):
-                _mark(ax, run, np.nanargmin(gap), gap)
-                low, near = min(low, np.nanmin(gap)), True
-    if not near:
-        ax.text(0.5, 0.6, far, transform=ax.transAxes, ha='center', color=style.QUIET)
-    shade_unsafe(ax, safe)
-    ax.set_ylim(low - 0.5, FAR_M)
+    curves = [(run, *curve) for run in runs for curve in CURVES[panel.name](run)]
+    for run, stamp_ns, values in curves:
+        shown = np.where(values < 2 * FAR_M, values, np.nan) if panel.safe else values
+        ax.plot(run.station_at(stamp_ns[::EVERY]), shown[::EVERY], **run.look.line)
     _along(ax, runs)
-
-
-def draw_signal(ax, runs: Sequence[EvaluatedDrive], name: str, ylabel: str, title: str) -> None:
-    """Draw a signal of SIGNALS, with the largest sideslip angle and the zero of the force."""
-    for run in runs:
-        stamp_ns, values = (column[::EVERY] for column in SIGNALS[name](run))
-        ax.plot(run.station_at(stamp_ns), values, **run.look.line)
-    _along(ax, runs)
-    ax.set_ylim(axis_limits(name, [SIGNALS[name](run)[1] for run in runs]))
-    ax.set(ylabel=ylabel, title=title)
-    if name == 'force':
+    ax.set(ylabel=panel.axis, title=panel.title)
+    if panel.safe:
+        near = [(run, gap) for run, _, gap in curves if np.any(gap < FAR_M)]
+        for run, gap in near:
+            _mark(ax, run, np.nanargmin(gap), gap)
+        if not near:
+            side = panel.name.removeprefix('v2e_')
+            far = 'no obstacle within' if panel.name == 'v2o' else f'{side} edge beyond'
+            look = {'transform': ax.transAxes, 'ha': 'center', 'color': style.QUIET}
+            ax.text(0.5, 0.6, f'{far} {FAR_M:g} m', **look)
+        shade_unsafe(ax, safe_distance(runs, panel))
+        ax.set_ylim(min([0.0, *(np.nanmin(gap) for _, gap in near)]) - 0.5, FAR_M)
+    else:
+        ax.set_ylim(axis_limits(panel.least_span, [values for *_, values in curves]))
+    if panel.name == 'v2o':
+        draw_insets(ax, runs)
+    if panel.name == 'force':
         ax.axhline(0.0, color=style.EDGE, lw=0.6, zorder=1)
-    for run in runs if name == 'sideslip' else ():
-        _, angle = SIGNALS[name](run)
+    for run, _, angle in curves if panel.name == 'sideslip' else ():
         if not np.all(np.isnan(angle)):
             _mark(ax, run, np.nanargmax(np.abs(angle)), angle)
 
@@ -213,10 +236,6 @@ def friction_circle(runs):
     return radius * np.array([np.cos(angle), np.sin(angle)]), reach
 
 
-def _curve(ax, run, values):
-    ax.plot(run.series.station[::EVERY], values[::EVERY], **run.look.line)
-
-
 def _mark(ax, run, k, values):
     """Put a dot on the extreme that the metrics report."""
     point = (run.series.station[k], values[k])
@@ -239,20 +258,11 @@ def note(ax, text):
     )
 
 
-def _signal(name, ylabel, title):
-    return partial(draw_signal, name=name, ylabel=ylabel, title=title)
-
-
-# against the station, by name: each draws on (ax, runs)
-PANELS = {
-    'v2o': draw_v2o,
-    'v2e_left': partial(draw_v2e, side='left'),
-    'v2e_right': partial(draw_v2e, side='right'),
-    'velocity': _signal('velocity', '$v_x$ [m/s]', 'Longitudinal velocity'),
-    'sideslip': _signal('sideslip', '$\\beta$ [deg]', 'Vehicle sideslip angle'),
-    'road_wheel_angle': _signal('steer', '$\\delta$ [deg]', 'Road-wheel angle'),
-    'longitudinal_force': _signal(
-        'force', '$F_x$ [kN], braking negative', 'Longitudinal force input'
-    ),
-    'gg': draw_gg,
-}
+# figures by name, each draws on (ax, runs); the panels of those with another name
+FIGURES_OF = {'road_wheel_angle': 'steer', 'longitudinal_force': 'force'}
+FIGURES = {
+    name: partial(draw_panel, panel=panel)
+    for name in ('v2o', 'v2e_left', 'v2e_right', 'velocity', 'sideslip', *FIGURES_OF)
+    for panel in PANELS
+    if panel.name == FIGURES_OF.get(name, name)
+} | {'gg': draw_gg}

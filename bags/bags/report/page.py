@@ -15,10 +15,9 @@ from bags.evaluation import metrics
 from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.figures import style
 from bags.figures.overlay import Overlay
-from bags.figures.panels import legend_looks
+from bags.figures.panels import PANELS, legend_looks
 from bags.report import page_figures
 from bags.report.comparability import describe_runs, origin_rows, parameter_rows
-from bags.report.page_figures import PANELS
 from bags.storage.invalid_messages import KEY
 
 REPORT_FILE = 'report.html'

@@ -6,9 +6,8 @@ frame, drawn on the road: positions are in the frame map [m], angles in rad, tim
 first state of a run. The script of the page only looks up these numbers and rotates the outline.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from bokeh.models import (
@@ -20,11 +19,10 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
-from bags.evaluation.controller_log import PREDICTION, WHY, candidate_lines, report_numbers
+from bags.evaluation.controller_log import PREDICTION, WHY, candidate_lines
 from bags.evaluation.metrics.registry import EvaluatedDrive
-from bags.figures import comparison_figures, scene, style
+from bags.figures import comparison_figures, panels, scene, style
 from bags.figures.overlay import STATION, TIME, Overlay
-from bags.figures.panels import FAR_M, LEAST_SPANS, SIGNALS, axis_limits, friction_circle
 from msgs_yaml.conversions import NS_PER_S
 
 BINS = 600  # a panel is at most about that many pixels wide
@@ -33,6 +31,7 @@ SQUARE = 330
 FLOOR_M = -100.0  # deeper than circles overlap
 CURVE = 'curve'  # tag of the lines that the page switches between time and station
 CURSOR = 'cursor'
+PLAIN = str.maketrans('', '', '${}')  # of mathematics in a label
 FRAME_NS = 20_000_000
 HEIGHTS = (240, 620)  # CSS pixels
 FLAG_HEIGHT = 18  # CSS pixels of a row above the road for the name of a car, at most MANY
@@ -79,83 +78,42 @@ def decimate(values: np.ndarray, bins: int) -> np.ndarray:
     return np.unique(np.concatenate(chosen))
 
 
-Curve = tuple[np.ndarray, np.ndarray]  # stamps (n,) [ns] and values (n,)
-
-
-class Panel(NamedTuple):
-    """One pair of axes against time or station."""
-
-    name: str  # also the id of its element on the page
-    title: str
-    axis: str  # label of the vertical axis, with its unit
-    safe: str = ''  # the field of Facts with the safety distance, '' where that has no meaning
-    least_top: float = 0.0  # of an axis that begins at 0
-
-
-def _v2o(run):
-    """Return the distance to the nearest obstacle: more lines would not be readable."""
-    if not run.series.v2o:
-        return None
-    nearest = np.fmin.reduce(list(run.series.v2o.values()))
-    return run.stamp_ns, np.where(nearest < FAR_M, nearest, np.nan)
-
-
-def _reported(key, run):
-    why = run.tables.get(WHY)
-    return why and (why.stamp_ns, report_numbers(why.values, key))
-
-
-# of a run by panel: its curve, None without any
-CURVES: Mapping[str, Callable[[EvaluatedDrive], Curve | None]] = {
-    **SIGNALS,
-    'v2o': _v2o,
-    'v2e_left': lambda run: (run.stamp_ns, run.series.v2e['left']),
-    'v2e_right': lambda run: (run.stamp_ns, run.series.v2e['right']),
-    'friction_front': partial(_reported, 'friction.front'),
-    'friction_rear': partial(_reported, 'friction.rear'),
-    'solve': partial(_reported, 'time.solve_ms'),
-}
-# of the friction the share that the controller's model uses
-PANELS = (
-    Panel('v2o', 'Distance to the nearest obstacle', 'D_V2O [m]', 'safe_obstacle'),
-    Panel('v2e_left', 'Distance to the left edge', 'D_V2E [m]', 'safe_edge'),
-    Panel('v2e_right', 'Distance to the right edge', 'D_V2E [m]', 'safe_edge'),
-    Panel('contouring', 'Distance from the coarse path', 'left positive [m]'),
-    Panel('velocity', 'Longitudinal velocity', 'v_x [m/s]'),
-    Panel('sideslip', 'Sideslip angle', 'β [deg]'),
-    Panel('lateral', 'Lateral acceleration', 'a_y [m/s²]'),
-    Panel('steer', 'Road-wheel angle', 'δ [deg]'),
-    Panel('force', 'Longitudinal force, braking negative', 'F_x [kN]'),
-    Panel('friction_front', 'Friction use in the controller, front axle', 'F / µF_z', '', 1.05),
-    Panel('friction_rear', 'Friction use in the controller, rear axle', 'F / µF_z', '', 1.05),
-    Panel('solve', 'Solve time per tick', '[ms]', '', 20.0),
-)
+def _curve(panel, run):
+    """Return the curve of a panel, None without any; of several obstacles that to the nearest."""
+    curves = panels.CURVES[panel.name](run)
+    if panel.name != 'v2o' or not curves:
+        return curves[0] if curves else None
+    # more lines would not be readable
+    nearest = np.fmin.reduce([gap for _, gap in curves])
+    return run.stamp_ns, np.where(nearest < panels.FAR_M, nearest, np.nan)
 
 
 def plot_panel(
-    panel: Panel,
+    panel: panels.Panel,
     runs: Sequence[EvaluatedDrive],
     time_axis: Range1d,
     overlays: Sequence[Overlay] = (),
 ) -> figure | None:
     """Return the figure of a panel over `time_axis` [s]; None when no run has anything to show."""
-    drawn = [(run, *curve) for run in runs if (curve := CURVES[panel.name](run))]
+    drawn = [(run, *curve) for run in runs if (curve := _curve(panel, run))]
     drawn = [curve for curve in drawn if np.isfinite(curve[-1]).any()]
     if not drawn:
         return None
-    plot = _new_figure(panel.name, 'time [s]', panel.axis, title=panel.title, x_range=time_axis)
+    axis = panel.axis.translate(PLAIN)
+    title = f'{panel.title}, the nearest' if panel.name == 'v2o' else panel.title
+    plot = _new_figure(panel.name, 'time [s]', axis, title=title, x_range=time_axis)
     laid = [o for o in overlays if np.isfinite(o.signals.get(panel.name, np.nan)).any()]
     values = [curve[-1] for curve in drawn] + [o.signals[panel.name] for o in laid]
     if panel.safe:
         # unsafe distances are shaded, red where circles overlap; the axis shows small ones
-        safe = max(getattr(run.drive.facts, panel.safe) for run in runs)
+        safe = panels.safe_distance(runs, panel)
         low = min([0.0, *(np.nanmin(column) for column in values)])
-        plot.y_range = Range1d(float(low) - safe, FAR_M)
+        plot.y_range = Range1d(float(low) - safe, panels.FAR_M)
         look = {'fill_alpha': 0.2, 'line_color': None, 'level': 'underlay'}
         for bottom, top, colour in ((0.0, safe, style.UNSAFE), (FLOOR_M, 0.0, style.COLLISION)):
             plot.add_layout(BoxAnnotation(bottom=bottom, top=top, fill_color=colour, **look))
-    elif panel.name in LEAST_SPANS:
-        plot.y_range = Range1d(*axis_limits(panel.name, values))
+    elif panel.least_span:
+        plot.y_range = Range1d(*panels.axis_limits(panel.least_span, values))
     else:
         most = max(panel.least_top, *(1.05 * float(np.nanmax(column)) for column in values))
         plot.y_range = Range1d(0.0, most)
@@ -173,7 +131,7 @@ def plot_panel(
         columns = {name: overlay.axes.get(axis, unknown) for name, axis in axes}
         columns['value'] = column
         lines.append(_line(plot, overlay, ('time', 'value'), columns, CURVE))
-    where = [('run', '$name'), (panel.axis, '@value{0.000}'), ('time', '@time{0.000} s')]
+    where = [('run', '$name'), (axis, '@value{0.000}'), ('time', '@time{0.000} s')]
     where.append(('station', '@station{0.0} m'))
     plot.add_tools(HoverTool(renderers=lines, tooltips=where, mode='vline'))
     plot.add_layout(
@@ -191,7 +149,7 @@ def _line(plot, run, axes, columns, *tags):
 
 def plot_gg(runs: Sequence[EvaluatedDrive]) -> figure:
     """Return the accelerations at the centre of gravity within the friction circle."""
-    circle, reach = friction_circle(runs)
+    circle, reach = panels.friction_circle(runs)
     ranges = {'x_range': Range1d(-reach, reach), 'y_range': Range1d(-reach, reach)}
     labels = ('a_y [m/s²], left positive', 'a_x [m/s²]')
     plot = _new_figure('gg', *labels, title='G-G diagram', **ranges)

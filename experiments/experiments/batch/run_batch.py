@@ -19,15 +19,14 @@ import pandas
 from rich.console import Console
 from rich.table import Table
 
+from bags.command_line import table
 from bags.errors import BagError
-from experiments import console as tables
 from experiments import drive_row, row_runner
 from experiments.batch import distributions, study_file
 from experiments.batch.study_file import StudyFile
 from experiments.configuration import inputs, node_config
 from experiments.drive_row import ANY_ROAD, NOMINAL, Offset, Pairs, Row
 from experiments.pool import Pool
-from experiments.progress import CountProgress
 from experiments.simulation import Setup
 from scenario_publisher import scenario
 
@@ -51,20 +50,17 @@ def run(
     written.
     """
     study = study_file.load(options.study)
-    with row_runner.driving(options, console) as (pool, progress):
+    with row_runner.driving(options, console) as pool:
         given = drive_row.as_pairs(options.settings)
-        rows = check_rows(study, pool, progress, given)
+        rows = check_rows(study, pool, given)
         notes = {'study': study.text}
-        lines = row_runner.run_rows(
-            rows, options.out, pool, progress, options.time_limit_s, notes, drive
-        )
+        limit_s = options.time_limit_s
+        lines = row_runner.run_rows(rows, options.out, pool, limit_s, notes, drive)
     console.print(summarise(lines))
     return 1 if any(line['error'] for line in lines) else 0
 
 
-def check_rows(
-    study: StudyFile, pool: Pool, progress: CountProgress, given: Pairs = ()
-) -> list[Row]:
+def check_rows(study: StudyFile, pool: Pool, given: Pairs = ()) -> list[Row]:
     """Check every combination of a study and return its rows. Raises BagError.
 
     `given` are settings of all rows, over which those of the study win.
@@ -90,10 +86,10 @@ def check_rows(
         if finished.error:
             raise finished.error
         warnings.append((finished.number, finished.value))
-        progress.show('checked', done, len(checked))
+        pool.progress.show('checked', done, len(checked))
     check_drawn(study, combinations)
     for line in dict.fromkeys(line for _, line in sorted(warnings) if line):
-        progress.print_line(f'warning: {line}')
+        pool.progress.print_line(f'warning: {line}')
     roads: dict[str, str] = {}
     for road in study.scenarios:
         other = roads.setdefault(scenario.load(road).name, road)
@@ -119,7 +115,7 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> Table:
         shares = (f'{driven[name].mean():.1%}' if len(driven) else '–' for name in SHARES)
         texts.append([*pair, count, *shares])
     columns = 'scenario', 'controller', 'drives', *(share.replace('_', '\n') for share in SHARES)
-    return tables.table(columns, texts, left=columns[:2], overflow='fold', min_width=9)
+    return table(columns, texts, left=columns[:2], overflow='fold', min_width=9)
 
 
 def combine(study: StudyFile) -> list[Row]:
@@ -219,7 +215,7 @@ def locate_error(study: StudyFile, combination: Row, error: BagError) -> BagErro
             try:
                 check(combination._replace(settings=((setting.name, value),)))
             except BagError as alone:
-                return BagError(str(item.error(str(alone))))
+                return item.error(str(alone))
     return BagError(f'{study.path}: {combination}: {error}')
 
 
@@ -238,4 +234,4 @@ def check_drawn(study: StudyFile, combinations: Sequence[Row]) -> None:
                 try:
                     check(combination._replace(settings=settings))
                 except BagError as error:
-                    raise BagError(str(drawn.item.error(f'{end}: {error}'))) from None
+                    raise drawn.item.error(f'{end}: {error}') from None

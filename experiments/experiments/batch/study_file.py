@@ -33,7 +33,6 @@ from msgs_yaml.strict_yaml import (
     EMPTY,
     Item,
     Pattern,
-    YamlError,
     closest,
     leaf_of,
     parse_value,
@@ -109,10 +108,7 @@ def load(path: Path) -> StudyFile:
 
     Raises BagError that names file, line, field and what is allowed.
     """
-    try:
-        study = _parse(Path(path), read(path))
-    except YamlError as error:
-        raise BagError(str(error)) from None
+    study = _parse(Path(path), read(path))
     if study.drives > MAX_DRIVES:
         raise BagError(f'{path}: has {study.drives:,} drives; allowed at most {MAX_DRIVES:,}')
     return study

@@ -48,7 +48,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run a batch; 0 when no drive failed. Raises BagError."""
-    # imported late: simulation and controllers take a second to load
     from experiments.batch import run_batch
 
     return run_batch.run(options, Console())

@@ -27,19 +27,18 @@ def run(options: argparse.Namespace) -> int:
     """Compile; return 0. Raises BagError, and CompileError without a working compiler."""
     from experiments.configuration import node_config
     from experiments.pool import Pool
-    from experiments.progress import CountProgress
     from stage_solver import compile_cache
 
     names = options.controllers or list(node_config.known_controllers())
     console = Console()
     controllers = node_config.find_controllers(names)
     tasks = [(None,), *((str(controller.config),) for controller in controllers)]
-    with CountProgress(console) as progress, Pool(options.jobs) as pool:
-        progress.show('compiling', 0, len(tasks))
+    with Pool(options.jobs, console=console) as pool:
+        pool.progress.show('compiling', 0, len(tasks))
         for done, finished in enumerate(pool.finish_each(_prepare, tasks), start=1):
             if finished.error:
                 raise finished.error
-            progress.show('compiling', done, len(tasks))
+            pool.progress.show('compiling', done, len(tasks))
     folder = os.path.relpath(compile_cache.cache_dir())
     console.print(f'compiled, in {folder}: the plant, {", ".join(names)}', highlight=False)
     return 0

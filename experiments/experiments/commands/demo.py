@@ -33,7 +33,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Drive, compare and print; return 0 when both MPCCs survived. Raises BagError."""
-    # imported late: simulation and controllers take a second to load
     from experiments.configuration import inputs, node_config
     from experiments.run import compile_ahead, run_and_compare, run_file
     from mpcc_controller import car_file

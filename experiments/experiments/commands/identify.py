@@ -12,6 +12,7 @@ beside it are a figure of the latter (.png) and the numbers for `experiments val
 import argparse
 from pathlib import Path
 
+from bags import command_line
 from bags.command_line import print_text
 from bags.errors import BagError
 from experiments.commands import add_list
@@ -47,10 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Fit and write; return 0. Raises BagError."""
-    from experiments import console
     from experiments.measured import log_map
 
-    shown = console.wide(FILE_WIDTH)
+    shown = command_line.wide_console(FILE_WIDTH)
     known = log_map.load(options.map)
     # a mistake in the map is told before scipy, CasADi and matplotlib are loaded
     from experiments.measured import measured_log, report, single_track_fit, validation

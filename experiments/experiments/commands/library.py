@@ -74,7 +74,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run what is asked; 0 when all is well. Raises BagError."""
-    # imported late: simulation and controllers take a second to load
     from experiments import library
 
     console = Console()

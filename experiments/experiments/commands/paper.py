@@ -27,7 +27,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Drive, compare and draw. Raises BagError."""
-    # imported late: controllers and figures take a second to load
     from bags.figures import frame_distances
     from bags.report.comparison import compare_bags, show_comparison
     from bags.run import load

@@ -34,7 +34,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Write a figure; 0. Raises BagError."""
-    # imported late: pandas and matplotlib take a second to load
     from experiments.results import drive_table, result_figures
 
     columns = tuple(options.by)

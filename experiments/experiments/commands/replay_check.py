@@ -21,7 +21,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Check every bag; 0 when all ticks of all bags are the same. Raises BagError."""
-    # imported late: controllers take a second to load
     from bags.storage import read
     from experiments.configuration import set_option
     from experiments.replay import check

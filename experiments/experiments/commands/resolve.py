@@ -47,7 +47,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Solve and show; 0 when the command is the recorded one. Raises BagError."""
-    # imported late: controllers and matplotlib take a second to load
     from bags.storage import read
     from experiments.configuration import set_option
     from experiments.replay import horizon_figure, resolve, tick_choice

@@ -65,7 +65,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run and compare; return 0 when every run was completed. Raises BagError."""
-    # imported late: simulation and controllers take a second to load
     from experiments.run import run_and_compare
 
     given = {name: getattr(options, name) for name in run_and_compare.Request._fields}

@@ -33,7 +33,7 @@ def run(options: argparse.Namespace) -> int:
     except scenario.ScenarioError as error:
         if error.check:
             preview.show_refusals(error.check, console)
-        raise BagError(str(error)) from None
+        raise
     checked = inputs.check_parameters(inputs.build_nodes(scn, options.scenario, controller))
     params, _ = checked[inputs.CONTROLLER]
     preview.show(scn, params, console)

@@ -37,7 +37,6 @@ def run(options: argparse.Namespace) -> int:
     """Do a part of a study; return 0. Raises BagError for a folder without plan or rows."""
     folder = options.folder or KEPT[options.part]
     out, console = options.out or folder, Console()
-    # imported late: controllers, pandas and matplotlib take a second to load
     if options.part == 'recompute':
         from experiments import settings_study
 
@@ -58,6 +57,6 @@ def run(options: argparse.Namespace) -> int:
         from experiments import row_runner
         from experiments.decisive import run as study
 
-        with row_runner.driving(options, console) as workers:
-            study.run(own, out, *workers, options.replicates)
+        with row_runner.driving(options, console) as pool:
+            study.run(own, out, pool, options.replicates)
     return 0

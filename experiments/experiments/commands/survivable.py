@@ -17,6 +17,7 @@ Verdicts are kept in the first DIR. The exit code is 1 when a search failed, oth
 import argparse
 from pathlib import Path
 
+from bags import command_line
 from experiments.commands import add_jobs, count
 
 HELP = 'which lost drives were possible; controllers paired on the same draws'
@@ -43,9 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Search and show; 0 when no search failed. Raises BagError."""
-    # imported late: simulation and controllers take a second to load
-    from experiments import console
     from experiments.survivable import report
 
     # a table has a column per controller
-    return report.run(options, console.wide(FILE_WIDTH))
+    return report.run(options, command_line.wide_console(FILE_WIDTH))

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bags.command_line import print_text
+from bags.command_line import print_text, table
 from experiments.commands import add_list, add_table
 
 HELP = 'marginals of a metric over columns of a table of drives; pairs of controllers'
@@ -32,24 +32,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the table and write its files; 0. Raises BagError."""
-    # imported late: pandas takes a second to load
-    from experiments import console as tables
     from experiments.results import drive_table, marginals
 
-    table, console = drive_table.load(options.table), Console()
+    drives, console = drive_table.load(options.table), Console()
     by, pair = options.by, options.pair
     if pair:
-        result = marginals.compare(table, options.metric, tuple(pair), by, options.bins)
+        result = marginals.compare(drives, options.metric, tuple(pair), by, options.bins)
     else:
-        by = by or [name for name in (drive_table.CONTROLLER,) if name in table.rows]
-        result = marginals.summarise(table, options.metric, by, options.bins)
+        by = by or [name for name in (drive_table.CONTROLLER,) if name in drives.rows]
+        result = marginals.summarise(drives, options.metric, by, options.bins)
     texts = [[*map(marginals.level_text, row)] for row in result.itertuples(index=False)]
     minus = f' of {pair[0]} minus {pair[1]}' if pair else ''
     print_text(console, f'{options.metric}{minus}')
-    console.print(tables.table(list(result), texts, left=by))
-    if table.failed:
-        print_text(console, f'{table.failed:,} drives without a result are left out')
-    if not pair and marginals.repeats(table) and 'share' in result:
+    console.print(table(list(result), texts, left=by))
+    if drives.failed:
+        print_text(console, f'{drives.failed:,} drives without a result are left out')
+    if not pair and marginals.repeats(drives) and 'share' in result:
         print_text(console, 'some drives are repeats of others: the true intervals are wider')
     lines = [list(result), ['---'] * len(result.columns), *texts]
     markdown = ''.join(f'| {" | ".join(line)} |\n' for line in lines)

@@ -26,7 +26,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Tune and show; return 0. Raises BagError."""
-    # imported late: controllers and pandas take a second to load
     from experiments import row_runner, tuning
     from experiments.commands import study
     from experiments.decisive import plan
@@ -34,8 +33,8 @@ def run(options: argparse.Namespace) -> int:
     console = Console()
     own = plan.read(options.plan or study.KEPT['run'])
     folder = options.out / Path(options.controller).stem
-    with row_runner.driving(options, console) as workers:
-        tuned = tuning.tune(own, options.controller, options.seed, folder, *workers)
+    with row_runner.driving(options, console) as pool:
+        tuned = tuning.tune(own, options.controller, options.seed, folder, pool)
     print_text(console, tuning.as_table(tuned).to_string(index=False))
     print_paths(console, {'controller': tuned.file, 'history': tuned.history})
     return 0

@@ -11,6 +11,7 @@ The offsets of the log's steer and sideslip are those that `identify` wrote besi
 import argparse
 from pathlib import Path
 
+from bags import command_line
 from bags.command_line import add_out, print_paths, print_text
 from bags.errors import BagError
 from experiments.commands.identify import FILE_WIDTH, add_log_arguments
@@ -31,13 +32,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Compare, show and write; return 0. Raises BagError."""
-    from experiments import console
     from experiments.measured import log_map
     from mpcc_controller import car_file
     from node_runtime import node_parameters
     from vehicle_plant import parameters
 
-    shown = console.wide(FILE_WIDTH)
+    shown = command_line.wide_console(FILE_WIDTH)
     known = log_map.load(options.map)
     car = car_file.read(options.car)
     # a mistake in map or car file is told before scipy, CasADi and matplotlib are loaded

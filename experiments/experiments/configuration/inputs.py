@@ -71,10 +71,7 @@ def stop_params(scn: Scenario) -> StopParams:
 
 def load_scenario(name_or_path: str, **changes: Any) -> Scenario:
     """Return a scenario, changed as by `change_scenario`. Raises BagError."""
-    try:
-        return change_scenario(scenario.load(name_or_path), name_or_path, **changes)
-    except scenario.ScenarioError as error:
-        raise BagError(str(error)) from None
+    return change_scenario(scenario.load(name_or_path), name_or_path, **changes)
 
 
 def change_scenario(
@@ -86,7 +83,7 @@ def change_scenario(
 ) -> Scenario:
     """Return a scenario, where given at another constant desired speed, friction, or predictions.
 
-    `source` names it in errors. Raises ScenarioError.
+    `source` names it in errors. Raises BagError.
     """
     if speed_mps is None and friction is None and predictions is None:
         return scn
@@ -134,25 +131,13 @@ def build_nodes(
         **{f'stop.{name}': value for name, value in stop.items() if value is not None},
         **{f'patches.{name}': [*v] for name, v in scn.patches._asdict().items() if v},
     }
-    by_role: dict[str, dict[str, Any]] = {
-        **({'recorder': {}} if record else {}),
-        'scenario': {'scenario': source},
-        CONTROLLER: {'model.friction': scn.friction},
-        'plant': plant,
-    }
-    nodes = []
-    for role, own in by_role.items():
+
+    def node(role, own):
+        """Return a node with its own parameters, over which those that are given win."""
         given = overrides.get(role, {})
         # the run starts when the recorder listens; the recorder does not wait for itself
-        values = {'mode': mode, 'recorders': int(record and role != 'recorder'), **own, **given}
-        is_controller = role == CONTROLLER
-        files = (controller.config,) if is_controller and not controller.program else ()
+        common = {'mode': mode, 'recorders': int(record and role != 'recorder')}
         program = {CONTROLLER: controller.program, 'plant': plant_program}.get(role, ())
-        if is_controller and program and given:
-            raise BagError(
-                f'--set controller.{next(iter(given))}: the controller {controller.name} is a '
-                'program, which has its parameters from elsewhere'
-            )
         keys = SCENARIO_KEYS.get(role, {})
         by_name = {name: keys.get(name) or keys.get(name.partition('.')[0]) for name in own}
         sources = {
@@ -160,39 +145,44 @@ def build_nodes(
             **{name: f'--set {role}.{name}' for name in given},
             **origins.get(role, {}),
         }
+        files = (controller.config,) if role == CONTROLLER and not program else ()
         executable = Path(program[-1]).name if program else f'{role}_node'
         package, _ = node_config.DEFAULTS[role]
-        nodes.append(Node(role, package, executable, files, values, sources, program))
-    return _with_estimator(nodes, scn, overrides, origins)
+        return Node(role, package, executable, files, {**common, **own, **given}, sources, program)
+
+    for name in overrides.get(CONTROLLER, ()) if controller.program else ():
+        raise BagError(
+            f'--set controller.{name}: the controller {controller.name} is a program, which has '
+            'its parameters from elsewhere'
+        )
+    others = [*([node('recorder', {})] if record else []), node('scenario', {'scenario': source})]
+    driver, car = node(CONTROLLER, {'model.friction': scn.friction}), node('plant', plant)
+    known = _estimator_values(driver, car, scn, overrides.get(ESTIMATOR, ()))
+    if known is None:
+        return [*others, driver, car]
+    return [*others, driver._replace(remappings=(ESTIMATED,)), node(ESTIMATOR, known), car]
 
 
-def _with_estimator(nodes, scn, overrides, origins):
-    """Return nodes that end with controller and plant, of a car with sensors an estimator, too."""
-    *others, controller, plant = nodes
-    given = overrides.get(ESTIMATOR, {})
+def _estimator_values(controller, plant, scn, given):
+    """Return the parameters of the estimator of a car with sensors, None where there is none."""
     try:
-        sensors = node_config.all_values(plant).get('sensors')
+        has_sensors = node_config.all_values(plant).get('sensors') is not None
     except (parameters.ParameterError, OSError):
-        return nodes  # `check_parameters` says what is wrong
-    if sensors is None:
+        return None  # `check_parameters` says what is wrong
+    if not has_sensors:
         for name in given:
             # what a file gives to every node may be there
             if name not in node_parameters.MANAGED and not name.startswith(node_parameters.OF_ROS):
                 raise BagError(f'estimator.{name} has no effect without plant.sensors')
-        return nodes
+        return None
     # imported late: filters take a while to load
     from experiments import estimation
 
     (params, own), (node, car) = _load(controller), _load(plant)
-    known = estimation.known_values(
-        plant_parameters.load_sensors(node), params.model.friction, estimation.vehicle(own, car.car)
-    )
     common = {name: plant.parameters[name] for name in ('mode', 'recorders')}
-    values = {**common, **known, 'yaw_rad': scn.start.psi, **given}
-    sources = {name: f'--set {ESTIMATOR}.{name}' for name in given} | {**origins.get(ESTIMATOR, {})}
-    package, _ = node_config.DEFAULTS[ESTIMATOR]
-    estimator = Node(ESTIMATOR, package, 'estimator_node', (), values, sources)
-    return [*others, controller._replace(remappings=(ESTIMATED,)), estimator, plant]
+    sensors, vehicle = plant_parameters.load_sensors(node), estimation.vehicle(own, car.car)
+    known = estimation.known_values(sensors, params.model.friction, vehicle)
+    return {**common, **known, 'yaw_rad': scn.start.psi}
 
 
 def record_to(nodes: Sequence[Node], bag: Path, run_info: Path) -> list[Node]:
@@ -236,10 +226,7 @@ def check_parameters(nodes: Sequence[Node]) -> dict[str, tuple[Any, Any]]:
     checked = {node.role: _load(node) for node in nodes if node.role in LOADERS}
     for node in nodes:
         if node.role == CONTROLLER:
-            try:
-                car_file.check_limits(*checked[CONTROLLER], node.origins)
-            except parameters.ParameterError as error:
-                raise BagError(str(error)) from None
+            car_file.check_limits(*checked[CONTROLLER], node.origins)
     return checked
 
 
@@ -355,18 +342,12 @@ def car_mismatches(
     by up to VARIED_TOLERANCE of its mass and loads. A drive layout that the controller's own
     parameters set is deliberate.
     """
-    tolerance = VARIED_TOLERANCE if is_varied else TOLERANCE
-    ours, theirs = _masses(vehicle.car), _masses(plant.car.body)
-    rows = [(name, ours[name], theirs[name], 'kg', tolerance) for name in ours]
-    ours_m, theirs_m = (
-        body.cog_to_front_m + body.cog_to_rear_m for body in (vehicle.car, plant.car.body)
-    )
-    rows.insert(1, ('wheelbase', ours_m, theirs_m, 'm', TOLERANCE))
-    reasons = [
-        f'{what} {own:.4g} {unit}, the plant has {other:.4g} {unit} (allowed within {allowed:.0%})'
-        for what, own, other, unit, allowed in rows
-        if abs(own - other) > allowed * other
-    ]
+    reasons = []
+    for (what, unit, own), (_, _, other) in zip(_sizes(vehicle.car), _sizes(plant.car.body)):
+        allowed = VARIED_TOLERANCE if is_varied and unit == 'kg' else TOLERANCE
+        if abs(own - other) > allowed * other:
+            there = f'the plant has {other:.4g} {unit} (allowed within {allowed:.0%})'
+            reasons.append(f'{what} {own:.4g} {unit}, {there}')
     share, driven = (
         vehicle.actuators.drive_front_share,
         actuator_limits(plant.car).drive_front_share,
@@ -376,11 +357,11 @@ def car_mismatches(
     return tuple(reasons)
 
 
-def _masses(body):
-    """Return the mass of a car, and what rests on each axle of it, by name [kg]."""
-    front = body.cog_to_rear_m / (body.cog_to_front_m + body.cog_to_rear_m)
-    return {
-        'mass': body.mass_kg,
-        'load of the front axle': front * body.mass_kg,
-        'load of the rear axle': (1 - front) * body.mass_kg,
-    }
+def _sizes(body):
+    """Yield name, unit and value of what is compared of a car."""
+    wheelbase = body.cog_to_front_m + body.cog_to_rear_m
+    front = body.cog_to_rear_m / wheelbase
+    yield 'mass', 'kg', body.mass_kg
+    yield 'wheelbase', 'm', wheelbase
+    yield 'load of the front axle', 'kg', front * body.mass_kg
+    yield 'load of the rear axle', 'kg', (1 - front) * body.mass_kg

@@ -21,7 +21,6 @@ from experiments.drive_records import DriveRecords
 from experiments.drive_row import Row
 from experiments.families.lane_change_task import CIRCLE_M
 from experiments.pool import Pool, WorkerError
-from experiments.progress import CountProgress
 from experiments.simulation import Setup
 from msgs_yaml.types import VehicleState
 from scenario_publisher.scenario import Scenario
@@ -89,8 +88,8 @@ def cost(outcome: Mapping[str, Any], scales: Mapping[str, float]) -> float:
 class Driver:
     """Drives rows that have no record, and keeps a line of the table for each."""
 
-    def __init__(self, records: DriveRecords, pool: Pool, progress: CountProgress):
-        self.records, self.pool, self.progress = records, pool, progress
+    def __init__(self, records: DriveRecords, pool: Pool):
+        self.records, self.pool = records, pool
         self.lines: list[dict[str, Any]] = []
 
     def drive(self, rows: Sequence[Row], **labels: Any) -> list[Mapping[str, Any]]:
@@ -102,14 +101,8 @@ class Driver:
         keys = [drive_row.key(row) for row in rows]
         tasks = {key: (row, key, measure) for key, row in zip(keys, rows)}
         errors: dict[str, str] = {}
-        kept = sum(key in self.records for key in keys)
-        ended = self.records.finish(self.pool, drive_row.drive_unchanged, tasks, LIMIT_S)
-        for done, (key, error) in enumerate(ended, start=kept + 1):
-            if error and not isinstance(error, WorkerError):
-                raise error
-            if error:
-                errors[key] = ' '.join(str(error).split())
-            self.progress.show('drives', done, len(rows), f'{len(self.lines):,} before')
+        how = LIMIT_S, WorkerError, len(self.lines)
+        self.records.finish(self.pool, drive_row.drive_unchanged, tasks, errors, *how)
         results = []
         for row, key in zip(rows, keys):
             values = json.loads(self.records.get(key, json.dumps(FAILED)))

@@ -65,13 +65,13 @@ def drive(plan: Mapping[str, Any], driver: Driver) -> None:
     while len(driver.lines) < rules['drives']:
         indices = range(begin, begin + rules['batch'])
         own = driver.drive(rows('mpcc', indices))
-        shown = [i for i, values in zip(indices, own) if values['avoided'] and _keeps(values)]
+        shown = [
+            index
+            for index, values in zip(indices, own)
+            if values['avoided'] and values['kept_m'] >= -SLACK_M
+        ]
         driver.drive(rows('frenet', shown))
         begin += rules['batch']
-
-
-def _keeps(values):
-    return values['kept_m'] >= -SLACK_M
 
 
 def distances(drives: pd.DataFrame, rules: Mapping[str, Any]) -> pd.Series:

@@ -12,7 +12,7 @@ from experiments.decisive.analysis import FACTORS
 from experiments.decisive.arms import COMPARED, HEADING
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import strict_yaml
-from msgs_yaml.strict_yaml import Item, Range, Struct, YamlError, closest, parse_value
+from msgs_yaml.strict_yaml import Item, Range, Struct, closest, parse_value
 from node_runtime import parameters
 
 FILE = 'study.yaml'
@@ -124,8 +124,6 @@ def read(folder: Path) -> dict[str, Any]:
         _check_arms(root, parse_value(PLAN, root))
     except OSError as error:
         raise BagError(f'{file}: {error.strerror}; it has the plan of the study') from None
-    except YamlError as error:
-        raise BagError(str(error)) from None
     return root.value()
 
 

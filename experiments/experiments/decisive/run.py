@@ -32,7 +32,6 @@ from experiments.decisive.outcome import Driver
 from experiments.decisive.plan import FILE
 from experiments.drive_records import DriveRecords
 from experiments.pool import Pool
-from experiments.progress import CountProgress
 from node_runtime import provenance
 
 ORIGIN = 'origin.json'  # what decides the rows in a folder
@@ -42,9 +41,7 @@ ROOTS = (*code_version.ROOTS, __name__)
 Plan = Mapping[str, Any]
 
 
-def run(
-    plan: Plan, folder: Path, pool: Pool, progress: CountProgress, replicates: int | None = None
-) -> None:
+def run(plan: Plan, folder: Path, pool: Pool, replicates: int | None = None) -> None:
     """Drive replicates until the rule of the plan stops them, or a number; then the picture.
 
     Writes the tables of all; where nothing is missing nothing is driven. Raises BagError while
@@ -57,7 +54,7 @@ def run(
         number += 1
         if number not in kept_replicates(folder):
             _check_origin(plan, folder)
-            replicate(plan, number, folder, pool, progress)
+            replicate(plan, number, folder, pool)
         is_over = number >= (replicates or plan['stop']['cap'])
         if not replicates and number >= plan['stop']['from']:
             drives = read(folder, 'drives').query('replicate <= @number')
@@ -65,19 +62,19 @@ def run(
     if not (folder / f'{PICTURE}.parquet').is_file():
         _check_origin(plan, folder)
         with DriveRecords(folder / PICTURE) as records:
-            driver = Driver(records, pool, progress)
+            driver = Driver(records, pool)
             picture.drive(plan, driver)
         write(pd.DataFrame(driver.lines), folder, PICTURE)
 
 
-def replicate(plan: Plan, number: int, folder: Path, pool: Pool, progress: CountProgress) -> None:
+def replicate(plan: Plan, number: int, folder: Path, pool: Pool) -> None:
     """Search, judge and add the rows of a replicate to the tables, or finish what is missing of it.
 
     Raises BagError while another program drives it.
     """
     begin_s, part = time.monotonic(), folder / f'replicate_{number:02}'
     with DriveRecords(part) as records:
-        driver = Driver(records, pool, progress)
+        driver = Driver(records, pool)
         seed = plan['seeds']['training'] + number
         trials = {arm: search_arm(plan, arm, seed, driver) for arm in plan['tuned']}
         tuned = {arm: points[-1] for arm, points in trials.items()}
@@ -92,7 +89,7 @@ def replicate(plan: Plan, number: int, folder: Path, pool: Pool, progress: Count
         add(frame, folder, name)
     shutil.rmtree(part)
     count = len(driver.lines)
-    progress.print_line(
+    pool.progress.print_line(
         f'replicate {number}: {count:,} drives in {time.monotonic() - begin_s:.0f} s, cost '
         + ', '.join(f'{arm} {trial.cost:.2f}' for arm, trial in tuned.items())
     )

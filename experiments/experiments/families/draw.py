@@ -11,95 +11,63 @@ and errors of measurement. A draw in which another car accelerates beyond this f
 """
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from inspect import isfunction
 from itertools import chain
-from random import Random
-from types import MappingProxyType
+from types import MappingProxyType, ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
 
 from experiments.families import feasibility, lane_change_task, lane_course, open_road, traffic
-from experiments.families.scenario_document import Document, rounded
+from experiments.families.scenario_document import Document, ImpossibleError, Trial, rounded
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
 from scenario_publisher.waypoint_track import motion_at
 
 NOMINAL, HARD = 'nominal', 'hard'
 DIFFICULTIES = (NOMINAL, HARD)
-Family = Callable[[Random, bool], Document | None]
+Family = Callable[[Trial], Document]
 
 
-def _by_name(*families: Family) -> Mapping[str, Family]:
-    return MappingProxyType({family.__name__: family for family in families})
+def _families(*modules: ModuleType) -> dict[str, Family]:
+    """Return the public functions of modules by name."""
+    return {
+        name: member
+        for module in modules
+        for name, member in vars(module).items()
+        if isfunction(member) and member.__module__ == module.__name__ and not name.startswith('_')
+    }
 
 
-FAMILIES: Mapping[str, Family] = _by_name(
-    open_road.pop_up,
-    open_road.oncoming,
-    open_road.slower_car,
-    open_road.cut_in,
-    open_road.crossing_pedestrian,
-    open_road.crossing_cyclist,
-    lane_course.bend_inside,
-    lane_course.bend_outside,
-    lane_course.slalom,
-    lane_course.chicane,
-    lane_course.narrowing,
-    lane_course.closed_road,
-    lane_course.double_lane_change,
-    lane_course.iso_3888_1,
-    lane_course.iso_3888_2,
-    open_road.split_mu,
-    open_road.low_mu,
-    open_road.several_movers,
-    open_road.three_in_sequence,
-    open_road.stop_and_go,
-)
+FAMILIES = _families(open_road, lane_course)
 # drives among others on roads that bend: of the library where they are named
-TRAFFIC: Mapping[str, Family] = _by_name(
-    traffic.bend_oncoming,
-    traffic.s_curve_oncoming,
-    traffic.narrow_road_oncoming,
-    traffic.truck_oncoming,
-    traffic.parked_and_oncoming,
-    traffic.slower_car_in_bend,
-    traffic.cyclist_in_bend,
-    traffic.crest,
-    traffic.roundabout_entry,
-    traffic.motorway_merge,
-    traffic.junction_crossing,
-    traffic.hidden_pedestrian,
-    traffic.unforeseen_pedestrian,
-)
-# whose draws differ from those of another family in one thing only
-PAIRED = MappingProxyType({'unforeseen_pedestrian': 'hidden_pedestrian'})
-LIBRARY = MappingProxyType({**FAMILIES, **TRAFFIC})
+TRAFFIC = _families(traffic)
+LIBRARY = FAMILIES | TRAFFIC
 # those of the library, and tasks of the study of tuned controllers
-DRAWN = MappingProxyType({**LIBRARY, lane_change_task.NAME: lane_change_task.lane_change_task})
+DRAWN = LIBRARY | {lane_change_task.NAME: lane_change_task.lane_change_task}
+# whose draws differ from those of another family in one thing only
+PAIRED = {'unforeseen_pedestrian': 'hidden_pedestrian'}
 MAX_TRIALS = 10_000  # of a draw
 MOTION_STEP_S = 0.1  # of the positions from which accelerations of others follow
 HARD_FRICTION = (0.5, 1.0)
 BELIEVED_FRICTION = 1.0
 HARD_DELAY_MS = (0, 40)  # of commands
 # of measurements, uniform to either side
-HARD_BIASES: Mapping[str, float] = MappingProxyType(
-    {
-        'ahead_bias_m': 0.3,
-        'left_bias_m': 0.15,
-        'speed_error': 0.02,  # share of the speed
-        'sideslip_bias_rad': 0.01,
-    }
-)
-HARD_NOISE: Mapping[str, float] = MappingProxyType(
-    {
-        'position_noise_m': 0.02,
-        'yaw_noise_rad': 0.002,
-        'yaw_rate_noise_radps': 0.01,
-        'obstacle_noise_m': 0.05,
-        'obstacle_dropout': 0.05,  # share of the time
-    }
-)
+HARD_BIASES = {
+    'ahead_bias_m': 0.3,
+    'left_bias_m': 0.15,
+    'speed_error': 0.02,  # share of the speed
+    'sideslip_bias_rad': 0.01,
+}
+HARD_NOISE = {
+    'position_noise_m': 0.02,
+    'yaw_noise_rad': 0.002,
+    'yaw_rate_noise_radps': 0.01,
+    'obstacle_noise_m': 0.05,
+    'obstacle_dropout': 0.05,  # share of the time
+}
 
 
 class Draw(NamedTuple):
@@ -141,14 +109,13 @@ def draw(family: str, seed: int, index: int, difficulty: str = NOMINAL) -> Draw:
         raise ValueError(f'no difficulty {difficulty!r}; there are {", ".join(DIFFICULTIES)}')
     if min(seed, index) < 0:
         raise ValueError(f'seed and index must be 0 or more, are {seed} and {index}')
-    hard = difficulty == HARD
-    random = Random(f'{PAIRED.get(family, family)} {difficulty} {seed} {index}')
-    trials = (DRAWN[family](random, hard) for _ in range(MAX_TRIALS))
-    possible = (parts for parts in trials if parts is not None)
+    trial = Trial(f'{PAIRED.get(family, family)} {difficulty} {seed} {index}')
+    trial.hard = difficulty == HARD
+    possible = _possible(DRAWN[family], trial)
     parts = next(possible, None)
     disturbances = None
-    if hard and parts is not None:
-        friction, disturbances = rounded(random.uniform(*HARD_FRICTION)), _disturbances(random)
+    if trial.hard and parts is not None:
+        friction, disturbances = rounded(trial.uniform(*HARD_FRICTION)), _disturbances(trial)
         on_road = (again | {'friction': friction} for again in chain([parts], possible))
         parts = next((again for again in on_road if _others_hold_the_road(again)), None)
     if parts is None:
@@ -162,6 +129,13 @@ def draw(family: str, seed: int, index: int, difficulty: str = NOMINAL) -> Draw:
     return drawn._replace(
         text=yaml.safe_dump(parts, sort_keys=False, default_flow_style=None, width=100)
     )
+
+
+def _possible(family, trial):
+    """Yield the documents of the trials that a car can master."""
+    for _ in range(MAX_TRIALS):
+        with suppress(ImpossibleError):
+            yield family(trial)
 
 
 def _others_hold_the_road(parts):

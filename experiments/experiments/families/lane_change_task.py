@@ -21,7 +21,6 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from random import Random
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,25 +36,23 @@ CIRCLE_M = 1.1  # the paper's circle around the centre of gravity
 DEMAND = (0.2, 0.9)  # S
 STRATA = 7  # equal parts of it
 SPEEDS = (14.0, 45.0)  # m/s: a drive ends as too slow at 7
-UNIFORM: Mapping[str, tuple[float, float]] = MappingProxyType(
-    {
-        'change_1_m': (14.0, 35.0),  # straight ahead
-        'change_2_m': (14.0, 35.0),
-        'offset_m': (2.5, 4.0),  # of both changes, centre to centre
-        'plateau_m': (10.0, 35.0),  # between them
-        'obstacle_1_share': (0.7, 1.0),  # of the change, where the obstacle stands
-        'obstacle_2_share': (0.7, 1.0),
-        'clearance_1_m': (-0.3, 0.1),  # between the circles, of a car on the coarse path
-        'clearance_2_m': (-0.3, 0.5),
-        'radius_1_m': (0.5, 1.5),  # of the obstacle
-        'radius_2_m': (0.5, 1.5),
-        'safety_obstacle_m': (0.3, 1.5),  # D_sft,O
-        'safety_edge_m': (0.3, 1.5),  # D_sft,E
-        'spare_left_m': (0.0, 1.0),  # beyond D_sft,E, of a car on the coarse path
-        'spare_right_m': (0.0, 1.0),
-        'friction_error': (-0.1, 0.1),  # of the friction that the controller believes
-    }
-)
+UNIFORM = {
+    'change_1_m': (14.0, 35.0),  # straight ahead
+    'change_2_m': (14.0, 35.0),
+    'offset_m': (2.5, 4.0),  # of both changes, centre to centre
+    'plateau_m': (10.0, 35.0),  # between them
+    'obstacle_1_share': (0.7, 1.0),  # of the change, where the obstacle stands
+    'obstacle_2_share': (0.7, 1.0),
+    'clearance_1_m': (-0.3, 0.1),  # between the circles, of a car on the coarse path
+    'clearance_2_m': (-0.3, 0.5),
+    'radius_1_m': (0.5, 1.5),  # of the obstacle
+    'radius_2_m': (0.5, 1.5),
+    'safety_obstacle_m': (0.3, 1.5),  # D_sft,O
+    'safety_edge_m': (0.3, 1.5),  # D_sft,E
+    'spare_left_m': (0.0, 1.0),  # beyond D_sft,E, of a car on the coarse path
+    'spare_right_m': (0.0, 1.0),
+    'friction_error': (-0.1, 0.1),  # of the friction that the controller believes
+}
 CARS = ('bmw_545i.yaml', 'bmw_330i.yaml', 'vw_gti.yaml')
 REAR_CORNERING = (0.722, 0.833, 0.944, 1.056)  # over the car's own
 ROLL_SHARES = (0.5, 0.55, 0.6, 0.65)  # of the front axle in the roll stiffness
@@ -91,7 +88,7 @@ class Layout(NamedTuple):
     end: float  # m, x of the end of the second change
 
 
-def lane_change_task(random: Random, hard: bool) -> dict[str, Any]:
+def lane_change_task(random: Random) -> dict[str, Any]:
     """Return a task: a scenario document with SETTINGS and VALUES.
 
     There are no hard ones. Raises RuntimeError where no course demands S at an allowed speed.

@@ -1,4 +1,4 @@
-"""The parts of a scenario document that families share: roads, what is on them, start, finish.
+"""What families share: trials of a draw, and the parts of a document: roads, what is on them.
 
 Metres, seconds, m/s; a document holds what yaml.safe_load would return for a scenario file.
 """
@@ -20,9 +20,29 @@ DIGITS = 4  # 0.1 mm; of a curvature 0.3 % in a bend of 30 m
 CAR_RADIUS = 1.05  # m, of the discs of a car
 # m, places along it, the front first, which shows soonest where it turns: together 4.8 m long
 CAR_DISCS = (1.35, -1.35)
+FRICTION = 1.0  # of roads that say nothing else, where the draw is nominal
 
 Document = dict[str, Any]
 Block = dict[str, Any]
+
+
+class ImpossibleError(Exception):
+    """A trial that no car can master: the draw is drawn again."""
+
+
+class Trial(Random):
+    """The random numbers of a draw; a hard one is not sieved."""
+
+    hard = False
+
+    def among(self, nominal: tuple[float, float], hard: tuple[float, float]) -> float:
+        """Return a number between the ends for the difficulty of the draw."""
+        return self.uniform(*(hard if self.hard else nominal))
+
+    def require(self, can_be_mastered: bool) -> None:
+        """Raise ImpossibleError for a nominal draw that cannot be mastered."""
+        if not (self.hard or can_be_mastered):
+            raise ImpossibleError
 
 
 def finish(x: float, speed: float) -> float:
@@ -31,12 +51,12 @@ def finish(x: float, speed: float) -> float:
 
 
 def document(
-    *,
     description: str,
     length: float,
     speed: float,
     obstacles: Sequence[Block],
-    friction: float = 1.0,
+    *,
+    friction: float = FRICTION,
     segments: Sequence[Block] | None = None,
     path_segments: Sequence[Block] | None = None,
     left: Any = LEFT,
@@ -181,9 +201,17 @@ def either_side(random: Random, parts: Document) -> Document:
     return mirrored(parts) if random.random() < 0.5 else parts
 
 
-def document_either_side(random: Random, *, last: float, speed: float, **parts: Any) -> Document:
+def emergency(
+    random: Random,
+    description: str,
+    last: float,
+    speed: float,
+    obstacles: Sequence[Block],
+    **parts: Any,
+) -> Document:
     """Return the `document` of these parts or its mirror image, with equal chances.
 
     The run finishes AFTER_S beyond the obstacle at the station `last` [m].
     """
-    return either_side(random, document(length=finish(last, speed), speed=speed, **parts))
+    parts = document(description, finish(last, speed), speed, obstacles, **parts)
+    return either_side(random, parts)

@@ -12,7 +12,7 @@ import numpy as np
 
 from bags.errors import BagError
 from mpcc_controller.parameters import CarParams
-from msgs_yaml.strict_yaml import EMPTY, Leaf, YamlError, read
+from msgs_yaml.strict_yaml import EMPTY, Leaf, read
 from node_runtime import node_parameters, parameters
 from node_runtime.parameters import Choice, Range, Struct
 
@@ -72,17 +72,14 @@ class LogMap(NamedTuple):
 
 def load(path: Path) -> LogMap:
     """Read a map. Raises BagError that names the file, the parameter and what is allowed."""
-    try:
-        given = {name: item.value() for name, item in read(path).items().items()}
-        own = parameters.flatten_mapping({n: given.pop(n) for n in GROUPS if n in given})
-        columns = parameters.build(Columns, given, path)
-        file = node_parameters.find_config('mpcc_controller', columns.like or 'car.yaml', 'like')
-        like = parameters.read_file(file).values
-        for name in UNTOLD:
-            like.pop(f'car.{name}', None)
-        car = parameters.build(CarParams, like | own, path)
-    except (YamlError, parameters.ParameterError) as error:
-        raise BagError(str(error)) from None
+    given = {name: item.value() for name, item in read(path).items().items()}
+    own = parameters.flatten_mapping({n: given.pop(n) for n in GROUPS if n in given})
+    columns = parameters.build(Columns, given, path)
+    file = node_parameters.find_config('mpcc_controller', columns.like or 'car.yaml', 'like')
+    like = parameters.read_file(file).values
+    for name in UNTOLD:
+        like.pop(f'car.{name}', None)
+    car = parameters.build(CarParams, like | own, path)
     for name, units in UNITS.items():
         signal = getattr(columns.signals, name)
         fault = Leaf(str, False, Choice(*units)).fault(signal.unit or EMPTY)

@@ -10,8 +10,8 @@ import matplotlib as mpl
 import numpy as np
 from rich.table import Table
 
+from bags.command_line import table
 from bags.figures import style
-from experiments import console
 from experiments.measured import validation
 from experiments.measured.measured_log import STEP_S
 from experiments.measured.single_track_fit import KINDS, SIGNALS, Fit
@@ -45,7 +45,7 @@ def parameter_table(fit: Fit) -> Table:
         note = ' [bold](the log does not tell)[/]' if name in fit.vague else ''
         rows.append((name, f'{value:.5g}', half, KINDS[name].unit, KINDS[name].meaning + note))
     columns = ('parameter', 'value', '95 %', 'unit', 'meaning')
-    return console.table(columns, rows, left=('parameter', 'unit', 'meaning'))
+    return table(columns, rows, left=('parameter', 'unit', 'meaning'))
 
 
 def write_car(path: Path, car: CarParams, fit: Fit, logs: Sequence[str]) -> None:
@@ -88,7 +88,7 @@ def manoeuvre_table(manoeuvre: Manoeuvre) -> Table:
                 error, late = n[f'{name}_{word}_error'] * factor, n[f'{name}_{word}_late_s'] * 1000
                 row += [f'{n[f"{name}_{word}"] * factor:.3g}', f'{error:+.2g}', f'{late:+.0f}']
             rows.append(row)
-    return console.table(columns, rows, left=('model', 'signal'))
+    return table(columns, rows, left=('model', 'signal'))
 
 
 def error_table(result: Validation, ahead_s: Sequence[float] = validation.HORIZONS_S) -> Table:
@@ -101,7 +101,7 @@ def error_table(result: Validation, ahead_s: Sequence[float] = validation.HORIZO
             errors = (f'{getattr(e, name) * factor:.3g}' for name, (_, factor) in ERRORS.items())
             between = f'{e.from_mps2:g} to {e.to_mps2:g}'
             rows.append((e.model, between, f'{e.ahead_s:g}', str(e.starts), *errors))
-    return console.table(columns, rows)
+    return table(columns, rows)
 
 
 @mpl.rc_context(style.RC)

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from rich.console import Console
 
+from bags.command_line import table
 from bags.errors import BagError
 from bags.storage import read
 from bags.storage.decoding import DECODE_ERRORS, decode_message
-from experiments import console as tables
 from experiments.configuration.inputs import ESTIMATOR
 from experiments.replay import recorded_ticks, replayed_controller
 from experiments.replay.recorded_ticks import BELIEVED, Tick
@@ -129,10 +129,7 @@ def replay_estimates(bag: read.Bag) -> dict[int, tuple[EstimatedState, Estimated
     if noted is None or bag.run_info.get('mode') != read.LOCKSTEP:
         return {}
     own = {name: noted[name] for name in parameters.leaves(EstimatorParams) if name in noted}
-    try:
-        params = parameters.build(EstimatorParams, own, lambda name: str(bag.path))
-    except parameters.ParameterError as error:
-        raise BagError(str(error)) from None
+    params = parameters.build(EstimatorParams, own, lambda name: str(bag.path))
     stream, replayed = Stream(params), {}
     for message in _in_order(bag):
         believed = stream.take(message)
@@ -266,7 +263,7 @@ def show(report: Report, console: Console) -> None:
             allowed = f'{pair.tolerance:.1e}' if pair.tolerance else ''
             rows.append((f'{pair.field}{unit}', *values, difference, allowed))
         columns = ('field', 'recorded', 'replayed', 'difference', 'allowed')
-        console.print(tables.table(columns, rows, no_wrap=True))
+        console.print(table(columns, rows, no_wrap=True))
         rest = len(first.differing) - MAX_FIELDS
         if rest > 0:
             console.print(f'  and {rest} more fields')

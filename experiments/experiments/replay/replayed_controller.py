@@ -121,21 +121,16 @@ def recorded_params(
     newer = {key: value for key, value in today.items() if key not in recorded}
     _warn_of(name, 'does not say all parameters of its controller, which is newer; assumed', newer)
     given = newer | given | _other_car(settings) | settings
-    try:
-        params, vehicle = [
-            parameters.build(cls, {k: v for k, v in given.items() if k in own}, source)
-            for cls, own in zip(classes, known)
-        ]
-        names = [name for own in known for name in own]
-        for key in given:
-            if key not in names:
-                raise parameters.ParameterError(
-                    f'{source(key)}: {key}: the controller has no such parameter'
-                    f'{closest(key, names)}'
-                )
-        car_file.check_limits(params, vehicle, dict.fromkeys(settings, '--set'))
-    except parameters.ParameterError as error:
-        raise BagError(str(error)) from None
+    params, vehicle = [
+        parameters.build(cls, {k: v for k, v in given.items() if k in own}, source)
+        for cls, own in zip(classes, known)
+    ]
+    names = [name for own in known for name in own]
+    for key in given:
+        if key not in names:
+            hint = closest(key, names)
+            raise BagError(f'{source(key)}: {key}: the controller has no such parameter{hint}')
+    car_file.check_limits(params, vehicle, dict.fromkeys(settings, '--set'))
     return params, vehicle
 
 

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bags.errors import BagError
 from experiments.configuration.node_config import ROLES
-from msgs_yaml.strict_yaml import YamlError, closest, read
+from msgs_yaml.strict_yaml import closest, read
 from node_runtime import parameters
 
 MODES, SWITCH = ('lockstep', 'realtime'), ('true', 'false')
@@ -68,21 +67,18 @@ def read_files(
     Of a parameter that several files set, the last one counts.
 
     A section is for the node that it names (`plant`, `/plant`, `/**/plant`, or with the `namespace`
-    of the run `/car1/plant`), or for every node (`/**`). Raises BagError for a file that cannot be
-    read, and `<file>:<line>: <key>: <what>` for a section of another node.
+    of the run `/car1/plant`), or for every node (`/**`). Raises OSError for a file that cannot be
+    read, and BagError, `<file>:<line>: <key>: <what>`, for a section of another node.
     """
-    collected = ({}, {})
-    for path in paths:
-        try:
-            _read_file(Path(path).expanduser(), namespace, collected)
-        except (OSError, YamlError) as error:
-            raise BagError(str(error)) from None
-    return collected
-
-
-def _read_file(path, namespace, collected):
+    values: dict[str, dict[str, Any]] = {}
+    sources: dict[str, dict[str, str]] = {}
     own = f'/{namespace.strip("/")}/'.replace('//', '/')
-    for section, item in read(path).items().items():
+    sections = [
+        (path, *pair)
+        for path in (Path(path).expanduser() for path in paths)
+        for pair in read(path).items().items()
+    ]
+    for path, section, item in sections:
         prefixes = (prefix for prefix in (ANY_NAMESPACE, own, '/') if section.startswith(prefix))
         name = section.removeprefix(next(prefixes, ''))
         roles = ROLES if section == EVERY_NODE else (name,)
@@ -91,6 +87,8 @@ def _read_file(path, namespace, collected):
             raise item.error(f'no node of this run; allowed {known}, {EVERY_NODE}{hint}')
         leaves = parameters.leaf_items(item.members((PARAMETERS,))[PARAMETERS])
         for role in roles:
-            values, sources = (by_role.setdefault(role, {}) for by_role in collected)
-            values.update({name: leaf.value_or_empty() for name, leaf in leaves.items()})
-            sources.update({name: f'{path}:{leaf.line}' for name, leaf in leaves.items()})
+            given = {name: leaf.value_or_empty() for name, leaf in leaves.items()}
+            values.setdefault(role, {}).update(given)
+            lines = {name: f'{path}:{leaf.line}' for name, leaf in leaves.items()}
+            sources.setdefault(role, {}).update(lines)
+    return values, sources

@@ -106,13 +106,13 @@ def run_once(
         with suppress(OSError):
             interrupted.kept = staging.keep_interrupted()
         raise
-    except ProcessError as error:
-        return RunOutcome(name, False, _keep_failed(staging, str(error)), None)
     except Exception as error:
         # one run must not end the later ones, nor the comparison of the earlier ones
-        with suppress(OSError):
-            (staging.logs / TRACEBACK).write_text(traceback.format_exc())
-        message = f'{type(error).__name__}: {error}' if str(error) else type(error).__name__
+        message = str(error)
+        if not isinstance(error, ProcessError):
+            message = f'{type(error).__name__}: {error}'.removesuffix(': ')
+            with suppress(OSError):
+                (staging.logs / TRACEBACK).write_text(traceback.format_exc())
         return RunOutcome(name, False, _keep_failed(staging, message), None)
     kept = staging.final, staging.older, staging.has_replaced
     return RunOutcome(name, code == FINISHED, message, *kept)

@@ -15,7 +15,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-from bags.errors import BagError
 from experiments.configuration import node_config, set_option
 from msgs_yaml.missing_file import YAML_SUFFIXES
 from msgs_yaml.strict_yaml import Pattern, YamlError, parse_value, read
@@ -50,13 +49,6 @@ def load(scenario_or_file: str) -> RunFile:
             return RunFile(scenario_or_file)
     except (YamlError, OSError):  # told in the words of a scenario
         return RunFile(scenario_or_file)
-    try:
-        return _parse(path, root)
-    except YamlError as error:
-        raise BagError(str(error)) from None
-
-
-def _parse(path, root):
     members = root.members(KEYS[:1], KEYS[1:])
     scenario = _relative(path, parse_value(NAME, members['scenario']))
     controllers, labels = (

@@ -15,16 +15,15 @@ import pandas
 from rich.console import Console
 from rich.table import Table
 
+from bags import command_line
 from bags.command_line import print_text
 from bags.errors import BagError
-from experiments import console as tables
 from experiments import drive_row, row_runner
 from experiments.drive_records import DriveRecords
 from experiments.drive_row import Offset, Row
 from experiments.families.draw import NOMINAL
 from experiments.library import ALL, family_of, share_cell
 from experiments.pool import Pool
-from experiments.progress import CountProgress
 from experiments.statistical_inference import paired_interval
 from experiments.survivable.survival_search import (
     IMPOSSIBLE,
@@ -114,14 +113,10 @@ def _search(draws, options, folder, failures, console) -> Mapping[Row, str]:
         return {}
     how = options.budget, options.preview
     errors: dict[str, str] = {}
-    with (
-        CountProgress(console) as progress,
-        DriveRecords(folder) as records,
-        Pool(options.jobs) as pool,
-    ):
+    with DriveRecords(folder) as records, Pool(options.jobs, console=console) as pool:
         keys = {draw: verdict_key(draw, *how) for draw in draws}
         tasks = {key: (draw, *how) for draw, key in keys.items()}
-        records.finish_all(pool, progress, verdict, tasks, errors)
+        records.finish(pool, verdict, tasks, errors)
         for key, error in errors.items():
             failures.append(f'{tasks[key][0].scenario}: no verdict: {error}')
         return {
@@ -146,7 +141,7 @@ def build_table(drives: pandas.DataFrame) -> Table:
             cells.append(share_cell(survived, int(by_name[ANSWER].eq(POSSIBLE).sum()), digits=0))
             cells.append(f'{survived / strict:.0%}' if strict else '–')
         rows.append([family, *cells])
-    return tables.table(['survived of the possible', *kinds, *scores], rows)
+    return command_line.table(['survived of the possible', *kinds, *scores], rows)
 
 
 def build_pairs(drives: pandas.DataFrame, base: str) -> Table:
@@ -158,7 +153,7 @@ def build_pairs(drives: pandas.DataFrame, base: str) -> Table:
     counts = 'draws', 'both', f'{base} only', 'it only', 'neither'
     others = [name for name in dict.fromkeys(drives['name']) if name != base]
     rows = [[other, *pair_cells(*split_pairs(drives, base, other))] for other in others]
-    return tables.table([f'{base} and', *counts, 'difference (95 %)', 'p'], rows)
+    return command_line.table([f'{base} and', *counts, 'difference (95 %)', 'p'], rows)
 
 
 def split_pairs(drives: pandas.DataFrame, base: str, other: str) -> tuple[int, int, int, int]:

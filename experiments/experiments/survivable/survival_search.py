@@ -19,8 +19,7 @@ from cmaes import CMA
 from scipy.interpolate import CubicSpline
 
 from bags.evaluation import geometry
-from bags.evaluation.drive import Drive, obstacle_tracks
-from bags.evaluation.geometry import Outline
+from bags.evaluation.drive import Drive, obstacle_tracks, outline_of
 from bags.evaluation.metrics import survival
 from bags.evaluation.metrics.outcome import SLIDING_DEG
 from bags.evaluation.metrics.registry import EvaluatedDrive
@@ -32,6 +31,7 @@ from experiments.survivable.pilots import Foresight, Manoeuvre, Tracker
 from experiments.survivable.sides import Approach
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml.conversions import NS_PER_S
+from node_runtime import parameters
 from vehicle_plant.simulator import TICK_NS
 from vehicle_plant.suspension import wheel_corners
 
@@ -112,14 +112,9 @@ class Judge:
 
     def __init__(self, emergency: Emergency):
         self._emergency = emergency
-        car = emergency.setup.plant.car
-        body, shape = car.body, car.outline
-        self._outline = Outline(
-            front=body.cog_to_front_m + shape.front_overhang_m,
-            rear=body.cog_to_rear_m + shape.rear_overhang_m,
-            width=shape.width_m,
-        )
-        self._wheels = np.array([(corner.x, corner.y) for corner in wheel_corners(car)])
+        plant = emergency.setup.plant
+        self._outline = outline_of(parameters.flatten(plant))
+        self._wheels = np.array([(corner.x, corner.y) for corner in wheel_corners(plant.car)])
         stamps = emergency.start_ns + TICK_NS * np.arange(emergency.most_ticks + 1)
         messages = [emergency.obstacles_at(int(stamp)) for stamp in stamps]
         self._discs = obstacle_tracks(stamps, messages)

@@ -89,7 +89,7 @@ def test_whole_cars_and_obstacles_are_in_view_and_what_moves_has_times(runs):
 )
 def test_closest_approaches_are_enlarged_where_there_is_room(crowd, titles):
     ax = Figure().add_subplot()
-    panels.draw_v2o(ax, evaluate_runs({'mpcc': drive_of(scene=straight_scene(crowd))}))
+    panels.FIGURES['v2o'](ax, evaluate_runs({'mpcc': drive_of(scene=straight_scene(crowd))}))
     assert sorted(inner.get_title() for inner in ax.child_axes) == titles
     spans = sorted(a.get_position(original=True).intervalx.tolist() for a in ax.child_axes)
     assert all(before[1] < after[0] for before, after in itertools.pairwise(spans))
@@ -102,17 +102,17 @@ def test_closest_approaches_are_enlarged_where_there_is_room(crowd, titles):
 
 def test_a_panel_of_obstacles_without_any_says_so():
     axes = Figure().add_subplot()
-    panels.draw_v2o(axes, evaluate_runs({'mpcc': drive_of()}))
+    panels.FIGURES['v2o'](axes, evaluate_runs({'mpcc': drive_of()}))
     assert 'no obstacle within 5 m' in {text.get_text() for text in axes.texts}
 
 
 def test_an_axis_is_not_filled_by_noise_and_holds_every_value(runs):
     noise = 20.0 + 0.01 * np.sin(np.arange(100.0))
-    low, high = panels.axis_limits('velocity', [noise])
-    assert high - low == pytest.approx(panels.LEAST_SPANS['velocity'])
-    low, high = panels.axis_limits('velocity', [noise, np.array([3.0, np.nan, 31.0])])
+    low, high = panels.axis_limits(5.0, [noise])
+    assert high - low == pytest.approx(5.0)
+    low, high = panels.axis_limits(5.0, [noise, np.array([3.0, np.nan, 31.0])])
     assert low < 3.0 < 31.0 < high
-    assert panels.axis_limits('sideslip', [np.full(3, np.nan)]) == (-1.0, 1.0)
+    assert panels.axis_limits(2.0, [np.full(3, np.nan)]) == (-1.0, 1.0)
     gg = Figure().add_subplot()
     panels.draw_gg(gg, runs)
     assert gg.get_xlim() == gg.get_ylim()

@@ -10,6 +10,7 @@ import pytest
 
 from bags.evaluation import metrics
 from bags.evaluation.controller_log import PREDICTION
+from bags.figures.panels import PANELS
 from bags.report import page, page_figures
 from bags.report.comparability import (
     UNKNOWN,
@@ -85,10 +86,10 @@ def test_the_film_is_where_the_drive_was(runs):
 
 
 def test_every_plot_has_its_unit_and_a_key_with_every_run(runs, report):
-    for panel in page_figures.PANELS:
+    for panel in PANELS:
         assert '[' in panel.axis or panel.axis == 'F / µF_z'
     figures = report.read_text().split('<figure>')[1:]
-    assert len(figures) == len(page_figures.PANELS) + 1
+    assert len(figures) == len(PANELS) + 1
     for figure in figures:
         key = figure.partition('</figure>')[0]
         for run in runs:

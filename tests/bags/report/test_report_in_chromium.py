@@ -3,8 +3,8 @@
 import pytest
 
 from bags.figures import panels, style
+from bags.figures.panels import PANELS
 from bags.report import page
-from bags.report.page_figures import PANELS
 
 pytestmark = pytest.mark.slow
 INK = """(() => {

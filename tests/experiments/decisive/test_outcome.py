@@ -13,7 +13,6 @@ from experiments.drive_records import DriveRecords
 from experiments.drive_row import Row
 from experiments.families.lane_change_task import NAME
 from experiments.pool import Pool
-from experiments.progress import CountProgress
 
 SCALES = {'failure': 10.0, 'missing_m': 0.1, 'speed_error_mps': 3.0, 'sideslip_deg': 5.0}
 AVOIDED = {
@@ -59,9 +58,9 @@ def test_a_drive_ends_where_it_has_failed():
 
 def test_what_a_drive_raises_is_no_failure_of_the_car(tmp_path):
     row = Row(f'{NAME}:1', 'mpcc', (('controller.limits.brake_n', 1.0),), seed=11)
-    progress = CountProgress(Console(quiet=True))
-    with DriveRecords(tmp_path) as records, Pool(1) as pool, progress:
-        driver = outcome.Driver(records, pool, progress)
+    pool = Pool(1, console=Console(quiet=True))
+    with DriveRecords(tmp_path) as records, pool:
+        driver = outcome.Driver(records, pool)
         with pytest.raises(BagError, match='brake_n: is 1; allowed from'):
             driver.drive([row])
 
