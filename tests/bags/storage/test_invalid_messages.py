@@ -307,10 +307,18 @@ def test_samples_with_a_stamp_of_another_time_are_left_out_and_counted(clean, wr
     assert (dict(load_quietly(folder).metrics), summarize_bag(read.load(folder))['ticks']) == clean
 
 
-def test_a_second_state_of_a_stamp_is_still_that_of_a_second_ring(write_bag):
-    twin = VehicleState(int(DRIVE.motion.stamp_ns[50]), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    extra = [(STATE, LATER_NS, ros.serialize(encode.odometry(twin)))]
-    with pytest.raises(BagError, match=r'two different messages of one stamp.*shared a ROS domain'):
+TWIN_NS = int(DRIVE.motion.stamp_ns[50])
+TWINS = {
+    STATE: encode.odometry(VehicleState(TWIN_NS, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
+    '/controller/command': encode.command(Command(TWIN_NS, 0.1, 0.0, 0.0, 0.0)),
+}
+
+
+@pytest.mark.parametrize('topic', TWINS)
+def test_a_second_message_of_a_stamp_is_that_of_a_second_ring(write_bag, topic):
+    extra = [(topic, LATER_NS, ros.serialize(TWINS[topic]))]
+    why = f'{topic} has two different messages of one stamp.*shared a ROS domain'
+    with pytest.raises(BagError, match=why):
         load_quietly(write_bag(DRIVE, extra=extra)).metrics['verdict']
 
 

@@ -1,7 +1,9 @@
 """A real player over Fast DDS: what a recorder hears is what was recorded."""
 
+import itertools
 import os
 import re
+import signal
 import termios
 import threading
 import time
@@ -10,9 +12,10 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from one_second import of_contract
+from wait_until import wait_until
 
 from bags import cli
-from bags.storage import read
+from bags.storage import read, repair
 
 STATE = '/vehicle/odometry'
 
@@ -37,6 +40,18 @@ def said_by(player):
 
 def payloads(folder):
     return {name: r.payloads for name, r in of_contract(folder).items()}
+
+
+def insist_on_the_end(node):
+    """Send signals of both kinds until a node has ended; return its exit code."""
+    signals = itertools.cycle([signal.SIGTERM, signal.SIGINT])
+
+    def insist():
+        node.process.send_signal(next(signals))
+        time.sleep(0.002)
+
+    wait_until(lambda: node.process.poll() is not None, 90.0, node.said, pause=insist)
+    return node.wait()[0]
 
 
 @contextmanager
@@ -64,18 +79,25 @@ def woken_late():
 def test_round_trip_keeps_every_byte_count_order_and_stamp(
     tmp_path, bag_folder, start_recorder, start_player
 ):
-    inside = start_recorder(tmp_path / 'inside', namespace='/car1')
+    noted = tmp_path / 'run.json'
+    noted.write_text('{"scenario": "double_lane_change", "parameters": {"N": 50}}')
+    inside = start_recorder(tmp_path / 'inside', namespace='/car1', run_info=noted)
     outside = start_recorder(tmp_path / 'outside')
     output = said_by(start_player(bag_folder, namespace='/car1'))
-    assert inside.end()[0] == outside.end()[0] == 0
+    assert insist_on_the_end(inside) == outside.end()[0] == 0
     before, after = of_contract(bag_folder), of_contract(tmp_path / 'inside')
     assert after.keys() == before.keys()
     for name, recorded in before.items():
         assert after[name].payloads == recorded.payloads, name
         # in lockstep a message is filed under its header stamp
         assert after[name].log_ns.tolist() == recorded.log_ns.tolist(), name
+        assert after[name].sequence.tolist() == recorded.sequence.tolist(), name
+        age_s = time.time() - after[name].publish_ns / 1e9
+        assert ((age_s > 0.0) & (age_s < 3600.0)).all(), name
     assert f'played {sum(len(r.payloads) for r in before.values())} messages' in output
-    assert read.run_info(tmp_path / 'inside')['namespace'] == '/car1'
+    known = read.run_info(bag_folder) | {'namespace': '/car1'}
+    assert read.run_info(tmp_path / 'inside') == known
+    assert repair.repair_bag(tmp_path / 'inside').intact
     assert of_contract(tmp_path / 'outside') == {}
 
 
