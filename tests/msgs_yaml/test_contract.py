@@ -201,8 +201,3 @@ def test_a_field_path_gives_every_value_it_leads_to_in_order(path, values):
 def test_what_is_no_field_path_is_rejected(path):
     with pytest.raises(ValueError, match='is no field path'):
         field_paths.parse(path)
-
-
-def test_only_labelled_things_can_be_selected_by_label():
-    with pytest.raises(TypeError, match='has no namespace, name or key'):
-        field_paths.getter('pose[left]')(Has(pose=[3.0]))

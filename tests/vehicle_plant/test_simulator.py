@@ -65,14 +65,6 @@ def test_no_command_makes_it_leave_physics(commands, speed, friction):
         assert (1.6 * friction * Fz + 10.0 >= np.hypot(Fx, Fy)).all()
 
 
-@pytest.mark.parametrize('speed', [0.0, 25.0])
-def test_wheels_that_spin_up_on_ice_keep_their_slip_bounded(speed):
-    """Full throttle for three seconds: the rims race, the slips stay."""
-    track = drive(lambda t, car: (0.0, 0.0, CAR.force.rear.drive_n), 3.0, speed, friction=0.1)
-    assert track.column('planar.vx')[-1] > speed
-    assert greatest_slip(track) <= 1.01 * CAR.wheel.greatest_slip
-
-
 @pytest.mark.parametrize(
     ('steer', 'brakes', 'speed', 'friction', 'creep', 'spin'),
     [
@@ -111,15 +103,6 @@ def test_same_commands_give_the_same_bits_and_a_fork_goes_the_same_way(params):
     assert cars[0].gate.rejected == 0
     assert np.array_equal(forked.advance(None, 70).rows, expected.rows)
     assert np.array_equal(cars[0].advance(None, 70).rows, expected.rows)
-
-
-def test_bursts_of_any_length_give_the_same_track(params):
-    command = Command(START_NS, 0.05, 0.0, -800.0, 300.0)
-    whole, parts = (Simulator(params, 1.0, ahead(20.0)) for _ in range(2))
-    a = whole.advance(command, 50)
-    pieces = [parts.advance(command, 17), *(parts.advance(None, n) for n in (0, 1, 32))]
-    assert np.allclose(a.rows, join_trajectories(pieces).rows, rtol=0, atol=1e-10)
-    assert a.stamp_ns.tolist() == join_trajectories(pieces).stamp_ns.tolist()
 
 
 def test_stamps_count_milliseconds_from_the_start(params):
