@@ -12,8 +12,7 @@ from installation import ROOT
 from msgs_yaml.types import WHEELS, Command
 from node_runtime import named_vector
 from vehicle_plant import parameters
-from vehicle_plant.initial_state import Start
-from vehicle_plant.simulator import START_NS, STEP_NS, TICK_STEPS, Simulator
+from vehicle_plant.simulator import START_NS, TICK_STEPS, Simulator
 from vehicle_plant.state import State, join_trajectories, wrap_angle
 
 CAR = load().car
@@ -103,17 +102,6 @@ def test_same_commands_give_the_same_bits_and_a_fork_goes_the_same_way(params):
     assert cars[0].gate.rejected == 0
     assert np.array_equal(forked.advance(None, 70).rows, expected.rows)
     assert np.array_equal(cars[0].advance(None, 70).rows, expected.rows)
-
-
-def test_stamps_count_milliseconds_from_the_start(params):
-    car = Simulator(params, 1.0, Start(3.0, 4.0, 0.5, 20.0))
-    assert car.state == (START_NS, 3.0, 4.0, 0.5, 20.0, 0.0, 0.0)
-    track = car.advance(None, 3)
-    assert track.stamp_ns.tolist() == [START_NS + i * STEP_NS for i in (1, 2, 3)]
-    assert car.state == track.states()[2]
-    assert car.now.wheels() == track.wheels()[2:]
-    assert car.now.imu() == track.imu()[2:]
-    assert car.actuators == track.actuators()[2]
 
 
 def test_the_manual_counts_the_states():
