@@ -8,14 +8,14 @@ import subprocess
 import sys
 import tempfile
 import termios
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-import rclpy
 from example_messages import encoded
+from node_graph import Manager
 from rclpy.duration import Duration
 from rclpy.serialization import serialize_message
 from wait_until import wait_until
@@ -25,7 +25,7 @@ from bags.figures import comparison_figures
 from bags.storage import message_filing
 from bags.storage.bag_writer import BagWriter
 from msgs_yaml import contract, encode, types
-from node_runtime import provenance, ros, spin_node
+from node_runtime import provenance, ros
 
 PARAMETERS = {
     'controller': {
@@ -54,14 +54,11 @@ WHY = {'rung': 'solved', 'reason': 'converged', 'gate': 'passed', 'time.solve_ms
 TIMEOUT_S = 90
 
 
-class Ring:
+class Ring(Manager):
     """Publishes as all nodes together would, from this process."""
 
-    def __init__(self, mode, namespace):
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context)
-        self.node = rclpy.create_node('ring', context=self.context, namespace=namespace)
-        self.node.declare_parameter('mode', mode)
+    def __init__(self, domain, mode, namespace):
+        super().__init__(domain, mode, namespace)
         self.publishers = {name: ros.publisher(self.node, name) for name in contract.load().topics}
 
     def wait_for_recorder(self):
@@ -89,9 +86,6 @@ class Ring:
         for topic, publisher in self.publishers.items():
             acked = publisher.wait_for_all_acked(Duration(seconds=TIMEOUT_S))
             assert acked, f'{topic}: not acknowledged'
-
-    def close(self):
-        spin_node.shut_down(self.node, context=self.context)
 
 
 class NodeProcess:
@@ -237,4 +231,4 @@ def start_node(domain):
 def make_ring(domain):
     """Factory of publishers, closed at the end of the test."""
     with ExitStack() as rings:
-        yield lambda mode, namespace='/': rings.enter_context(closing(Ring(mode, namespace)))
+        yield lambda mode, namespace='/': rings.enter_context(Ring(domain, mode, namespace))

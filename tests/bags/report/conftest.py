@@ -118,13 +118,13 @@ def browse(tmp_path_factory):
     def visit(file, script, width=1200, dark=False):
         text = file.read_text().replace('<head>', f'<head>{HEARD}', 1)
         text = text.replace('</body>', VISIT.replace('SCRIPT', script) + '</body>')
-        page = folder / 'page.html'
+        framed = folder / 'page.html'
         # in a frame: a window of Chromium is no narrower than 500 pixels
         frame = f'<iframe width={width} height=900 style="border: 0" srcdoc="{html.escape(text)}">'
-        page.write_text(f'<!doctype html><body>{frame}</iframe></body>')
+        framed.write_text(f'<!doctype html><body>{frame}</iframe></body>')
         scheme = f'--blink-settings=preferredColorScheme={0 if dark else 1}'
         command = [chromium(), *FLAGS, scheme, f'--user-data-dir={folder}']
-        command += ['--window-size=1300,1000', '--dump-dom', page.as_uri()]
+        command += ['--window-size=1300,1000', '--dump-dom', framed.as_uri()]
         done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
         (result,) = re.findall('<pre id="result">(.*?)</pre>', done.stdout, re.DOTALL)
         return json.loads(html.unescape(result))

@@ -8,12 +8,8 @@ import signal
 import time
 
 import pytest
-import rclpy
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 from one_second import counts, endless, expected
 from rclpy.duration import Duration
-from rclpy.executors import SingleThreadedExecutor
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 from std_msgs.msg import String
@@ -31,17 +27,6 @@ FULL_RATE_HZ = 2400  # messages of all topics of the contract together
 WALL_NS = 1_700_000_000 * 10**9
 
 
-def request(ring, transition):
-    """Ask the recorder for a transition of its life cycle."""
-    client = ring.node.create_client(ChangeState, '/recorder/change_state')
-    assert client.wait_for_service(TIMEOUT_S)
-    wish = ChangeState.Request(transition=Transition(label=transition))
-    executor = SingleThreadedExecutor(context=ring.context)
-    future = client.call_async(wish)
-    rclpy.spin_until_future_complete(ring.node, future, executor, TIMEOUT_S)
-    assert future.result().success
-
-
 def test_what_arrives_during_a_pause_is_neither_recorded_nor_lost(tmp_path, start_pair, messages):
     recorder, ring = start_pair(tmp_path / 'bag')
     states = messages[STATE][:40]
@@ -52,9 +37,9 @@ def test_what_arrives_during_a_pause_is_neither_recorded_nor_lost(tmp_path, star
     ):
         ring.publish_all({STATE: states[part]})
         time.sleep(0.3)  # the recorder takes them
-        request(ring, transition)
+        assert ring.request('recorder', transition)
     for transition in ('cleanup', 'configure', 'activate'):  # into another bag
-        request(ring, transition)
+        assert ring.request('recorder', transition)
     ring.wait_for_recorder()
     ring.publish_all({STATE: states[30:]})
     code, output = recorder.end()
@@ -75,7 +60,7 @@ def test_logs_transitions_and_the_description_of_the_car_are_recorded(
     description.publish(String(data='<robot/>'))
     ring.publish_all({'/clock': messages['/clock']})
     for transition in ('deactivate', 'activate'):
-        request(ring, transition)
+        assert ring.request('recorder', transition)
     assert description.wait_for_all_acked(Duration(seconds=TIMEOUT_S))
     assert recorder.end()[0] == 0
     bag = read.load(tmp_path / 'bag')
