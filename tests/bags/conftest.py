@@ -10,7 +10,6 @@ import tempfile
 import termios
 from contextlib import ExitStack
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -124,11 +123,6 @@ class NodeProcess:
     def hears(self, topic):
         """Tell whether it has said that something of a topic has arrived."""
         return re.search(rf'hears .*{topic}\b', self.said()) is not None
-
-    def cpu_s(self):
-        """User and system time so far, without the start of the interpreter's parents."""
-        fields = Path(f'/proc/{self.process.pid}/stat').read_text().rpartition(')')[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
 def messages(drive):

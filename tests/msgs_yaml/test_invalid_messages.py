@@ -4,13 +4,12 @@ import math
 import re
 import time
 from array import array
-from functools import reduce
 
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from example_messages import FAST, canonical, decoded, encoded, load_example
+from example_messages import FAST, canonical, decoded, encoded, load_example, put
 from geometry_msgs.msg import Point, PoseStamped
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -42,19 +41,6 @@ from node_runtime import ros
 
 S = 1_000_000_000
 TOPICS = contract.load().topics
-
-
-def put(message, path, value):
-    """Set a field of a message, as `poses.1.header.stamp.sec`."""
-    *parents, last = path.split('.')
-    owner = reduce(
-        lambda o, name: o[int(name)] if name.isdigit() else getattr(o, name), parents, message
-    )
-    if last.isdigit():
-        owner[int(last)] = value
-    else:
-        setattr(owner, last, value)
-    return message
 
 
 def refused(topic, message):

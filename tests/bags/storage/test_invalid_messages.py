@@ -9,7 +9,7 @@ import struct
 import hostile_messages
 import numpy as np
 import pytest
-from example_messages import load_example
+from example_messages import load_example, put
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from nav_msgs.msg import Path as PathMessage
@@ -53,16 +53,6 @@ EDITS = st.lists(st.tuples(st.integers(0, 9999), st.integers(0, 9999)), max_size
 def made_up(name, *messages):
     """Return a bag of one topic; what is no bytes is serialised."""
     return in_memory(recording(name, messages))
-
-
-def put(message, path, value):
-    """Set a field of a message by its path; return the message."""
-    *parents, last = path.split('.')
-    owner = message
-    for name in parents:
-        owner = getattr(owner, name)
-    setattr(owner, last, value)
-    return message
 
 
 def obeys(name, payload):

@@ -13,7 +13,7 @@ from rclpy.duration import Duration
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 from std_msgs.msg import String
-from wait_until import wait_until
+from wait_until import processor_s, wait_until
 
 from bags.evaluation import bag_summary
 from bags.storage import read, repair
@@ -118,7 +118,7 @@ def test_recording_at_full_rate_takes_a_third_of_a_core_at_most(tmp_path, start_
 
     def second():
         """Send for a second; return how many, and the processor time of the recorder for them."""
-        cpu_s, began, sent = recorder.cpu_s(), time.monotonic(), 0
+        cpu_s, began, sent = processor_s(recorder.process.pid), time.monotonic(), 0
         for tick in range(20):
             for topic, stream in streams.items():
                 for value in itertools.islice(stream, -(-len(messages[topic]) // 20)):
@@ -126,7 +126,7 @@ def test_recording_at_full_rate_takes_a_third_of_a_core_at_most(tmp_path, start_
                     sent += 1
             time.sleep(max(0.0, began + 0.05 * (tick + 1) - time.monotonic()))
         ring.wait_until_received()
-        return sent, recorder.cpu_s() - cpu_s
+        return sent, processor_s(recorder.process.pid) - cpu_s
 
     second()  # the first: it has just started
     seconds = [second() for _ in range(4)]
