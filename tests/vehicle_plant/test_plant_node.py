@@ -225,6 +225,9 @@ def test_car_starts_at_the_first_pose_of_the_path(capfd):
     path = encode.reference(Reference(START_NS, X, np.full(2, -2.0), np.zeros(2), t))
 
     def with_path(drive):
+        for _ in range(20):  # it waits for the path
+            drive.bench.bus.spin_once()
+        assert not drive.sent[STATE]
         drive.send('/scenario/reference', path)
 
     settings = {'start.from': 'reference', 'imu_wheels_period_ms': 1, 'publish_tf': False}
