@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import rclpy
 from drives import ahead, load
+from node_ring import BEGIN_NS
 from tyre_files import property_file
 from wait_until import wait_until
 
@@ -130,6 +131,7 @@ def test_it_sends_what_the_core_computes_every_millisecond_once_twice_the_same(t
     assert drive.stamps('imu') == drive.stamps('wheels') == tenths
     assert drive.clocks == [START_NS + i * TICK_NS for i in range(ticks + 1)]
     assert drive.healths[-1].level == 0
+    assert drive.bench.bus.now_ns < BEGIN_NS + 1_000_000_000  # the last answer ends it at once
     assert texts == [robot_description.urdf(load('vw_gti.yaml').car)] * 2
 
     plant = replace(load('vw_gti.yaml'), tyre=parameters.load_tyre(str(tyre_file)))
