@@ -110,18 +110,6 @@ def test_a_mistake_names_file_line_key_and_what_is_allowed(text, message):
     assert str(caught.value) == f'a.yaml:{message}'
 
 
-@pytest.mark.parametrize(
-    'odd',
-    [
-        *('!!python/object:os.system', '!nobody x', '!!bool maybe', '!!int ""'),
-        *('!!timestamp soon', '2026-13-01'),
-    ],
-)
-def test_text_that_is_no_yaml_value_is_rejected_with_its_line(odd):
-    with pytest.raises(YamlError, match=r'^a.yaml:4: shape.side_m: '):
-        read(drawing(shape=f'\n  side_m: {odd}'))
-
-
 def test_a_number_beyond_all_is_not_repeated_in_full():
     with pytest.raises(YamlError, match=r"^a.yaml:3: shape.side_m: '9{60}...' is no int: "):
         read(drawing(shape=f'{{side_m: {"9" * 5000}}}'))

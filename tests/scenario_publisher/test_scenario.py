@@ -126,6 +126,16 @@ def test_second_crossing_of_the_finish_line_is_the_one_that_counts():
     assert -np.pi <= circle.stop.psi <= np.pi
 
 
+def test_obstacles_come_go_and_move_but_keep_their_ids(make, tree):
+    tree['obstacles'][0] |= {'vx_mps': 2.0, 'disappears_at_s': 3.0}
+    tree['obstacles'][1] |= {'appears_at_s': 1.0}
+    scn = make(tree)
+    seen = {t: [o.id for o in scenario.obstacles_at(scn, t, 7).items] for t in (-1, 0, 1, 2, 3)}
+    assert seen == {-1: [1], 0: [1], 1: [1, 2], 2: [1, 2], 3: [2]}
+    assert pytest.approx(25.0) == scenario.obstacles_at(scn, 2.5, 7).items[0].X
+    assert scenario.obstacles_at(scn, 2.5, 7).stamp_ns == 7
+
+
 def mirror(tree):
     """Turn everything to the other side of the x axis."""
     for block in (tree['road']['centre_line'], tree['path']):
