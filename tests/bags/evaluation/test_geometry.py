@@ -150,6 +150,16 @@ def test_gap_between_a_rectangle_and_a_circle(x, y, gap):
     assert geometry.gap_to_circle(0.0, 0.0, 0.0, CAR, x, y, 1.0) == pytest.approx(gap)
 
 
+@settings(max_examples=60)
+@given(st.floats(-20, 20), st.floats(-20, 20), st.floats(-3.2, 3.2), st.floats(-6, 6))
+def test_the_gap_does_not_depend_on_where_the_scene_stands(x, y, yaw, ahead):
+    here = geometry.gap_to_circle(0.0, 0.0, 0.0, CAR, ahead, 2.5, 1.0)
+    cx = x + ahead * np.cos(yaw) - 2.5 * np.sin(yaw)
+    cy = y + ahead * np.sin(yaw) + 2.5 * np.cos(yaw)
+    there = geometry.gap_to_circle(x, y, yaw, CAR, cx, cy, 1.0)
+    assert there == pytest.approx(here, abs=1e-9)
+
+
 def test_points_of_an_outline_begin_and_end_at_its_corners():
     points = geometry.outline_points(geometry.Outline(2.0, 3.0, 1.8), 0.6)
     assert np.abs(points[:, 1]).tolist() == [0.9] * len(points)
