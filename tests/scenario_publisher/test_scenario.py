@@ -3,7 +3,7 @@ import pytest
 
 from scenario_publisher import scenario
 from scenario_publisher.expectations import Expectation
-from scenario_publisher.scenario import ScenarioError
+from scenario_publisher.scenario import START_NS, ScenarioError
 
 
 def test_a_name_is_a_shipped_scenario_and_a_path_a_file(tmp_path, monkeypatch, text):
@@ -124,6 +124,13 @@ def test_second_crossing_of_the_finish_line_is_the_one_that_counts():
     # crossed half a lap before, in the other direction: from half way between on
     assert circle.stop.armed_after == pytest.approx(132.0 - lap / 4, abs=0.3)
     assert -np.pi <= circle.stop.psi <= np.pi
+
+
+def test_obstacles_at_the_start_carry_the_stamp_of_the_start(make, tree):
+    scn = make(tree)
+    assert scn.obstacles.stamp_ns == scn.reference.stamp_ns == scn.edges.stamp_ns == START_NS
+    assert [o.id for o in scn.obstacles.items] == [1, 2]
+    assert scenario.obstacles_at(scn, 0.0, START_NS) == scn.obstacles
 
 
 def test_obstacles_come_go_and_move_but_keep_their_ids(make, tree):

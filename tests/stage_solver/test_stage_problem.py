@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_problems import double_integrator, slalom
 
-from stage_solver import Multipliers, Plan, ProblemError, rk2, shift
+from stage_solver import Multipliers, Plan, ProblemError, no_bounds, rk2, shift, zero_plan
 
 PROBLEM = slalom().problem
 
@@ -70,6 +70,16 @@ def test_a_problem_needs_only_its_dynamics_and_cost():
     assert (problem.scale_x, problem.scale_u) == ((1.0, 1.0), (1.0,))
     assert float(problem.terminal_cost([1.0, 2.0], [])) == 0.0
     assert case.solve().status == 'solved'
+
+
+def test_arrays_are_printed_by_their_shapes():
+    assert repr(zero_plan(PROBLEM)) == 'Plan(X: (31, 4), U: (30, 2))'
+    start = 'Bounds(x_low: (31, 4), x_high: (31, 4), u_low: (30, 2)'
+    assert repr(no_bounds(PROBLEM)).startswith(start)
+    multipliers = Multipliers(*(np.zeros(2) for _ in Multipliers._fields))
+    assert repr(multipliers).startswith('Multipliers(x: (2,)')
+    plan = zero_plan(PROBLEM)._replace(multipliers=multipliers)
+    assert repr(plan).endswith(', with multipliers)')
 
 
 def test_problems_are_equal_where_their_content_is():

@@ -161,6 +161,15 @@ def test_a_car_that_leaves_the_domain_slides_to_rest(plant):
     assert track.column('planar.Y')[-1] == pytest.approx(15.0**2 / 2 / mu_g(plant), rel=0.1)
 
 
+def test_spinning_cars_stay_finite(plant):
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        steer, brake = rng.uniform(-0.48, 0.48), rng.uniform(0.0, 6000.0)
+        slide = Start(0.0, 0.0, 0.0, rng.uniform(5, 40), rng.uniform(-10, 10), rng.uniform(-2, 2))
+        track = drive(held(steer, -brake, -brake / 2), 3.0, slide, plant)
+        assert np.isfinite(track.rows).all()
+
+
 @pytest.mark.parametrize('car', [parameters.MULTI_BODY_CAR, 'bmw_320i.yaml'])
 def test_on_the_surface_of_its_tyre_test_the_car_rolls_over(car):
     """So does the double track of the same car; both slide with the friction of the car file."""

@@ -64,6 +64,14 @@ def test_no_command_makes_it_leave_physics(commands, speed, friction):
         assert (1.6 * friction * Fz + 10.0 >= np.hypot(Fx, Fy)).all()
 
 
+@pytest.mark.parametrize('speed', [0.0, 25.0])
+def test_wheels_that_spin_up_on_ice_keep_their_slip_bounded(speed):
+    """Full throttle for three seconds: the rims race, the slips stay."""
+    track = drive(lambda t, car: (0.0, 0.0, CAR.force.rear.drive_n), 3.0, speed, friction=0.1)
+    assert track.column('planar.vx')[-1] > speed
+    assert greatest_slip(track) <= 1.01 * CAR.wheel.greatest_slip
+
+
 @pytest.mark.parametrize(
     ('steer', 'brakes', 'speed', 'friction', 'creep', 'spin'),
     [
