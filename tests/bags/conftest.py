@@ -8,14 +8,13 @@ import subprocess
 import sys
 import tempfile
 import termios
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
-import rclpy
 from example_messages import encoded
+from node_graph import Manager
 from rclpy.duration import Duration
 from rclpy.serialization import serialize_message
 from wait_until import wait_until
@@ -25,7 +24,7 @@ from bags.figures import comparison_figures
 from bags.storage import message_filing
 from bags.storage.bag_writer import BagWriter
 from msgs_yaml import contract, encode, types
-from node_runtime import provenance, ros, spin_node
+from node_runtime import provenance, ros
 
 PARAMETERS = {
     'controller': {
@@ -54,14 +53,11 @@ WHY = {'rung': 'solved', 'reason': 'converged', 'gate': 'passed', 'time.solve_ms
 TIMEOUT_S = 90
 
 
-class Ring:
+class Ring(Manager):
     """Publishes as all nodes together would, from this process."""
 
-    def __init__(self, mode, namespace):
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context)
-        self.node = rclpy.create_node('ring', context=self.context, namespace=namespace)
-        self.node.declare_parameter('mode', mode)
+    def __init__(self, domain, mode, namespace):
+        super().__init__(domain, mode, namespace)
         self.publishers = {name: ros.publisher(self.node, name) for name in contract.load().topics}
 
     def wait_for_recorder(self):
@@ -89,9 +85,6 @@ class Ring:
         for topic, publisher in self.publishers.items():
             acked = publisher.wait_for_all_acked(Duration(seconds=TIMEOUT_S))
             assert acked, f'{topic}: not acknowledged'
-
-    def close(self):
-        spin_node.shut_down(self.node, context=self.context)
 
 
 class NodeProcess:
@@ -130,11 +123,6 @@ class NodeProcess:
     def hears(self, topic):
         """Tell whether it has said that something of a topic has arrived."""
         return re.search(rf'hears .*{topic}\b', self.said()) is not None
-
-    def cpu_s(self):
-        """User and system time so far, without the start of the interpreter's parents."""
-        fields = Path(f'/proc/{self.process.pid}/stat').read_text().rpartition(')')[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
 def messages(drive):
@@ -237,4 +225,4 @@ def start_node(domain):
 def make_ring(domain):
     """Factory of publishers, closed at the end of the test."""
     with ExitStack() as rings:
-        yield lambda mode, namespace='/': rings.enter_context(closing(Ring(mode, namespace)))
+        yield lambda mode, namespace='/': rings.enter_context(Ring(domain, mode, namespace))

@@ -47,6 +47,19 @@ def fill(message: Any, values: dict) -> Any:
     return message
 
 
+def put(message: Any, path: str, value: Any) -> Any:
+    """Set a field of a message by its path, as `poses.1.header.stamp.sec`; return the message."""
+    *parents, last = path.split('.')
+    owner = message
+    for name in parents:
+        owner = owner[int(name)] if name.isdigit() else getattr(owner, name)
+    if last.isdigit():
+        owner[int(last)] = value
+    else:
+        setattr(owner, last, value)
+    return message
+
+
 def encoded(topic: str, value: Any) -> Any:
     """Return the message of a value of a topic of the contract."""
     return getattr(encode, _function(topic))(value)

@@ -1,5 +1,6 @@
-"""Wait for a condition in a test, and fail with a message when it does not become true."""
+"""Wait for a condition in a test, and fail with a message; what processes do meanwhile."""
 
+import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -29,6 +30,12 @@ def wait_until(
             raise AssertionError(f'waited for {seconds:g} s: {text}')
         pause()
     return value
+
+
+def processor_s(pid: int) -> float:
+    """Return user and system time of a process and its threads so far [s]."""
+    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
 def lives(pid: int) -> bool:

@@ -20,23 +20,6 @@ def load(tmp_path, lines):
     return contract.read_contract(path)
 
 
-def test_what_is_written_is_what_is_read(tmp_path):
-    topics = load(tmp_path, LINES).topics
-    odometry, path = topics['/vehicle/odometry'], topics['/scenario/reference']
-    assert (odometry.type, odometry.publisher) == ('nav_msgs/msg/Odometry', 'plant')
-    assert odometry.rate_hz == {'lockstep': 1000, 'realtime': 100}
-    assert (odometry.frame, odometry.child_frame) == ('map', 'base_link')
-    latched = contract.Qos('reliable', 'transient_local', 'keep_last', 1, None)
-    assert (odometry.qos['realtime'], odometry.profiles['realtime']) == (latched, 'latched')
-    assert odometry.qos['lockstep'].history == 'keep_all'
-    vx = odometry.fields['twist.twist.linear.x']
-    assert vx == contract.Field('vx', 'm/s', -20.0, 120.0)
-    assert (path.sizes, path.child_frame) == ({'poses': contract.Size(2, 5000)}, None)
-    # in the order of their first use
-    assert topics['/vehicle/actuators'].joints == ('steer', 'front_axle')
-    assert odometry.joints == ()
-
-
 # line, text in it, what stands there in its place, the error; test_yaml.py has those of any schema
 MISTAKES = [
     (3, 'keep_all', 'keep_last', 'profiles.all: depth belongs to keep_last'),
@@ -105,11 +88,6 @@ STATUS = """\
 def test_a_mistake_that_takes_several_lines_is_named(tmp_path, lines, error):
     with pytest.raises(ContractError, match=error):
         load(tmp_path, lines)
-
-
-def test_a_derived_topic_has_no_fields(tmp_path):
-    derived = load(tmp_path, [*LINES, *DERIVED]).derived['/tf']
-    assert (derived.fields, derived.sizes, derived.rate_hz['realtime']) == ({}, {}, 50)
 
 
 def test_the_shipped_contract_is_read_once_and_finds_topics_and_what_others_derive():
@@ -201,8 +179,3 @@ def test_a_field_path_gives_every_value_it_leads_to_in_order(path, values):
 def test_what_is_no_field_path_is_rejected(path):
     with pytest.raises(ValueError, match='is no field path'):
         field_paths.parse(path)
-
-
-def test_only_labelled_things_can_be_selected_by_label():
-    with pytest.raises(TypeError, match='has no namespace, name or key'):
-        field_paths.getter('pose[left]')(Has(pose=[3.0]))

@@ -56,12 +56,6 @@ def test_poses_without_a_stamp_stay_so_in_a_repeat(now_ns):
     assert raw_scenario.restamp_reference(raw, now_ns + S) == later
 
 
-def test_the_padding_before_the_first_pose_does_not_count():
-    raw = bytearray(raw_of(REFERENCE, 4, stamp_ns=9 * S))
-    raw[raw_scenario.PADDING] = b'\x5a\x01\xff\x33'
-    assert repeated_ns(REFERENCE, bytes(raw), raw_of(REFERENCE, 4)) == 9 * S
-
-
 @both
 def test_any_other_byte_that_differs_is_another_message(topic):
     old = raw_of(topic, 3)

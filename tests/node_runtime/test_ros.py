@@ -24,7 +24,7 @@ from rclpy.qos import (
 from rclpy.task import Future
 from wait_until import wait_until
 
-from msgs_yaml import contract, decode, flat_fields
+from msgs_yaml import contract, decode
 from msgs_yaml.types import Health
 from node_runtime import ros, spin_node
 from node_runtime.input_monitor import ERROR, OK, WARN
@@ -168,23 +168,6 @@ def test_a_late_subscriber_may_have_the_last_message_of_latched_topics(pair, top
     assert received[0] == load_example(topic)
 
 
-def test_messages_of_a_template_arrive_as_those_of_an_object_and_lockstep_loses_none(pair):
-    for topic in sorted(flat_fields.TYPES):
-        received, pub = [], ros.TemplatePublisher(pair.sender, topic)
-        ros.subscribe(pair.receiver, topic, received.append, raw=True)
-        pair.until(lambda pub=pub: pub.publisher.get_subscription_count() == 1)
-        value = decoded(topic, load_example(topic))
-        raw = pair.deliver(pub, received, value)
-        assert raw == flat_fields.load(topic).fill(value)
-        assert decode.stamp_ns_of(raw) == value.stamp_ns
-        assert decoded(topic, ros.deserialize(topic, raw)) == value
-        stamps = [S + 1_000_000 * k for k in range(500)]
-        for stamp_ns in stamps:
-            pub.publish(value._replace(stamp_ns=stamp_ns))
-        pair.until(lambda received=received: len(received) > 500)
-        assert [decode.stamp_ns_of(raw) for raw in received[1:]] == stamps
-
-
 def test_parameters_are_declared_with_their_description_and_range(pair):
     assert pair.sender.params == Params(2.0, 3, (1.0, 2.0), True, None)
     assert ros.mode(pair.sender) == 'lockstep'
@@ -252,21 +235,6 @@ def cars(pair):
     """Return three more nodes, two of them in the same namespace."""
     placed = [('sender', '/car1'), ('receiver', '/car1'), ('other', '/car2')]
     return [pair.make(name, namespace=namespace) for name, namespace in placed]
-
-
-def test_every_topic_stays_in_the_namespace_of_its_node(pair, cars):
-    sender, receiver, other = cars
-    for topic in TOPICS:
-        pub = ros.publisher(sender, topic)
-        assert pub.topic_name == ros.full_name(sender, topic) == f'/car1{topic}'
-        nodes = (receiver, other, pair.receiver)
-        subs = [ros.subscribe(node, topic, lambda msg: None) for node in nodes]
-        pair.until(lambda pub=pub: pub.get_subscription_count() == 1)
-        assert [sub.topic_name for sub in subs] == [f'/car1{topic}', f'/car2{topic}', topic]
-        # whoever is matched is matched for good: the others have not been in the same time
-        assert [sub.get_publisher_count() for sub in subs[1:]] == [0, 0]
-    with pytest.raises(KeyError):
-        ros.publisher(pair.sender, '/vehicle/odometer')
 
 
 def test_the_latest_message_is_that_of_the_namespace(pair, cars):

@@ -35,9 +35,7 @@ LEAVES = {
     # before it, the body, after it; exit code, what is printed, the errors
     'a destructor': ('print("said")', HANGS, '', 7, 'said\n', TRACEBACK),
     'a loop': ('', SPINS, '', 7, '', TRACEBACK),
-    'a wait': ('', LONGER, '', 7, '', TRACEBACK),
     'a destructor with priority': (PUNCTUAL, HANGS, '', 7, '', TRACEBACK),
-    'a loop with priority': (PUNCTUAL, SPINS, '', 7, '', TRACEBACK),
     'a destructor when idle': (IDLE, HANGS, '', 7, '', TRACEBACK),
     'nothing': ('', 'pass', f'{LONGER}; print("there")', 0, 'there\n', '^$'),
     'an error': ('', '1 / 0', '', 1, '', 'ZeroDivisionError'),

@@ -128,10 +128,10 @@ class NodeGraph:
 class Manager:
     """A lifecycle manager and listener beside the nodes, driven by a test."""
 
-    def __init__(self, domain: int, mode: str = 'lockstep'):
+    def __init__(self, domain: int, mode: str = 'lockstep', namespace: str = '/'):
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
-        self.node = rclpy.create_node('manager', context=self.context)
+        self.node = rclpy.create_node('manager', context=self.context, namespace=namespace)
         self.node.declare_parameter('mode', mode)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)

@@ -1,12 +1,10 @@
 """A path as long as the contract allows, driven on the wall clock: obstacles are not delayed."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 from node_graph import ROLES, NodeGraph
 from straight_road import write_straight
+from wait_until import processor_s
 
 from bags.storage import cdr, read
 from msgs_yaml import contract
@@ -23,12 +21,6 @@ RATE_HZ = (19.0, 21.0)  # of the obstacles over the drive; 20 by the contract
 SCENARIO_USE = 0.2  # of processor time per second; with a message made anew it is 0.5 at least
 
 
-def processor_s(process):
-    """Return user and system time of a process and its threads so far [s]."""
-    fields = Path(f'/proc/{process.popen.pid}/stat').read_text().rpartition(')')[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
-
-
 @pytest.mark.nightly
 def test_obstacles_come_at_their_rate_beside_a_path_of_the_greatest_length(
     tmp_path, domain, wall_clock
@@ -40,9 +32,9 @@ def test_obstacles_come_at_their_rate_beside_a_path_of_the_greatest_length(
     ):
         graph.start(*ROLES)
         graph.wait_for('controller', 'started from the actuators')
-        before_s = processor_s(graph.running['scenario'])
+        before_s = processor_s(graph.running['scenario'].popen.pid)
         assert graph.wait('plant') == 0, graph.log('plant')
-        used_s = processor_s(graph.running['scenario']) - before_s
+        used_s = processor_s(graph.running['scenario'].popen.pid) - before_s
         bag = graph.stop_recording()
     most = contract.load().topics[REFERENCE].sizes['poses'].high
     recorded = read.recording(bag, REFERENCE)

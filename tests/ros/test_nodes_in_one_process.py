@@ -36,7 +36,6 @@ MULTI_BODY = {
 @pytest.mark.parametrize(
     ('name', 'settings'),
     [
-        pytest.param('moving_obstacle', {}, id='moving obstacle'),
         # friction patches reach the plant by another path than everything else
         pytest.param('split_mu', {}, id='patches'),
         pytest.param('double_lane_change', MULTI_BODY, id='multi-body'),

@@ -18,6 +18,8 @@ SECONDS = 240  # of wall time; the comparison takes most of it
 STATE, COMMAND, WHY = '/vehicle/odometry', '/controller/command', '/controller/why'
 OWN = ('wait', 'prepare', 'solve')  # what the controller says of its times
 TICK_NS = 50_000_000
+CLOCKS_DIFFER_S = 0.01  # the plant starts from the wall clock and goes on with the steady one
+BEHIND_S = 0.1  # of four seconds; at three times or a third of the pace it is 0.7 s and more
 
 
 @pytest.fixture(scope='module')
@@ -107,3 +109,11 @@ def test_health_goes_from_waiting_to_well_and_names_ages(bag):
         assert controller[-1][f'age.{name}_worst_ms'] > 0.0
         least = min(values.get(f'age.{name}_ms', np.inf) for values in controller)
         assert least < controller[-1][f'age.{name}_limit_ms']
+
+
+def test_states_are_sent_when_their_stamps_say_from_begin_to_end(bag):
+    states = bag.recordings[STATE]
+    late_s = (states.publish_ns - stamps(bag, STATE)) / 1e9
+    assert late_s.min() > -CLOCKS_DIFFER_S
+    first, last = np.array_split(late_s, 2)
+    assert abs(last.min() - first.min()) < BEHIND_S

@@ -121,13 +121,6 @@ def test_every_piece_is_convex_with_sides_that_a_plant_can_tell_apart(
     assert np.all(edges[..., 0] * after[..., 1] - edges[..., 1] * after[..., 0] > 0.0)
 
 
-def test_neighbours_share_a_side_so_that_no_wheel_falls_between():
-    quads = cut(BEND, 10.0, 55.0, -3.0, 3.0)
-    assert len(quads) > 2
-    assert np.array_equal(quads[:-1, 1], quads[1:, 0])
-    assert np.array_equal(quads[:-1, 2], quads[1:, 3])
-
-
 def test_there_are_none_by_default_and_patches_keep_their_order_and_each_piece_its_friction(
     make, tree
 ):

@@ -84,6 +84,7 @@ def test_road_and_obstacles_are_published_at_the_stamps_of_the_clock():
     for topic, wanted in ((PATH, scn.reference), (EDGES, scn.edges)):  # unchanged
         assert stamps(sent[topic]) == [START_NS + k * BEAT_NS for k in range(25)]
         assert all(same(value[1:], wanted[1:]) for value in sent[topic])
+    assert stamps(sent[HEALTH]) == [START_NS + k * 20 * TICK_NS for k in range(7)]
     assert [(h.name, h.level, h.values['obstacles']) for h in sent[HEALTH]] == [
         *[('scenario', OK, 1)] * 5,
         *[('scenario', OK, 2)] * 2,

@@ -68,13 +68,6 @@ def test_coarse_path_passes_both_obstacles_dangerously_close_on_opposite_sides()
     assert at_x(DLC.reference, second.X) < second.Y
 
 
-def test_car_fits_between_each_obstacle_and_the_edge_it_has_to_pass_at():
-    first, second = DLC.obstacles.items
-    (left, right) = (edge[:, 1].mean() for edge in DLC.edges[1:])
-    assert left - (first.Y + first.r_obs) > 2 * CAR_RADIUS + 1.0
-    assert second.Y - second.r_obs - right > 2 * CAR_RADIUS + 1.0
-
-
 def test_circle_has_the_papers_radius_and_displaced_obstacle():
     scn = scenario.load('circle_20m')
     ref, (obstacle,) = scn.reference, scn.obstacles.items
@@ -93,15 +86,6 @@ def test_moving_obstacles_meet_the_car_where_the_comments_say():
     car = np.interp(8.5, scn.reference.t, scn.reference.X)
     assert car == pytest.approx(170.0, abs=0.5)
     assert 3.5 - walker.Y - walker.r_obs - CAR_RADIUS == pytest.approx(0.5)
-
-
-def test_split_mu_is_slippery_under_the_left_wheels_only():
-    scn = scenario.load('split_mu')
-    assert scn.patches.friction == (0.4,)
-    assert scn.patches.corners_m == (40.0, 0.0, 90.0, 0.0, 90.0, 3.5, 40.0, 3.5)
-    assert np.all(scn.reference.Y == 0.0)
-    assert scn.edges.left[:, 1].max() == 3.5
-    assert (scn.friction, scn.start.speed, scn.obstacles.items) == (1.0, 18.0, ())
 
 
 def test_what_a_scenario_may_hold_fits_into_the_messages():

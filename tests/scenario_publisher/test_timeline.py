@@ -1,7 +1,6 @@
 import pytest
 
 from msgs_yaml import contract
-from node_runtime.input_monitor import OK, STALE
 from scenario_publisher import scenario
 from scenario_publisher.scenario import START_NS
 from scenario_publisher.timeline import NAME, RateLimiter, Timeline
@@ -32,43 +31,12 @@ def test_late_stamps_do_not_lower_the_rate():
     assert sum(beat.is_due(stamp) for stamp in stamps) == 240
 
 
-def test_lockstep_counts_from_the_first_stamp_of_simulated_time():
-    stamp_ns = START_NS + 2000 * MS
-    (slow,) = Timeline(MOVING, 'lockstep').obstacles(stamp_ns).items
-    assert pytest.approx(60.0 + 2 * 8.0) == slow.X
-
-
-def test_realtime_obstacles_wait_for_the_vehicle():
-    timeline = Timeline(MOVING, 'realtime')
-    assert not timeline.has_plant
-    assert timeline.health(77 * START_NS).level == STALE
-    timeline.update_run_start(0)
-    assert timeline.has_plant
-    assert timeline.health(77 * START_NS).level == OK
-    (before,) = timeline.obstacles(77 * START_NS).items
-    timeline.update_run_start(80 * START_NS)
-    (after,) = timeline.obstacles(81 * START_NS).items
-    assert pytest.approx((60.0, 68.0)) == (before.X, after.X)
-
-
 def test_a_plant_that_was_started_again_begins_another_run():
     timeline = Timeline(MOVING, 'realtime')
     timeline.update_run_start(80 * START_NS)
     timeline.update_run_start(0)
     (held,) = timeline.obstacles(90 * START_NS).items
     assert pytest.approx(60.0) == held.X
-
-
-def test_everything_carries_the_stamp_asked_for():
-    timeline = Timeline(MOVING, 'lockstep')
-    for value in (timeline.obstacles, timeline.health):
-        assert value(5 * START_NS).stamp_ns == 5 * START_NS
-
-
-def test_health_counts_the_obstacles_that_are_there():
-    timeline = Timeline(MOVING, 'lockstep')
-    counts = [timeline.health(START_NS + s * START_NS).values['obstacles'] for s in (0, 4, 6)]
-    assert counts == [1, 1, 2]
 
 
 def test_contract_and_node_agree_on_its_name():

@@ -1,11 +1,11 @@
 """The examples, the program of the README and the benchmark run; their results obey physics."""
 
-import importlib.util
 import re
 import runpy
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,11 +18,16 @@ FOLDER = Path(__file__).parents[2] / 'stage_solver'
 EXAMPLES = FOLDER / 'examples'
 
 
-def load(name):
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f'{name}.py')
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+@pytest.fixture
+def load(capsys):
+    """Return load(name): what an example defines; as a program it prints its solution."""
+
+    def run(name):
+        names = runpy.run_path(str(EXAMPLES / f'{name}.py'), run_name='__main__')
+        assert 'solved after' in capsys.readouterr().out
+        return SimpleNamespace(**names)
+
+    return run
 
 
 def solve(module, *arguments):
@@ -39,7 +44,7 @@ def solve(module, *arguments):
     return own
 
 
-def test_the_pole_is_swung_up_within_track_and_force():
+def test_the_pole_is_swung_up_within_track_and_force(load):
     module = load('cart_pole')
     X, U, _ = solve(module).plan
     assert np.allclose(X[-1], [module.GOAL_M, np.pi, 0.0, 0.0], atol=1e-5)
@@ -47,7 +52,7 @@ def test_the_pole_is_swung_up_within_track_and_force():
     assert np.abs(U).max() <= module.FORCE_N + 1e-5
 
 
-def test_the_energy_of_the_cart_pole_changes_by_the_work_of_the_force_alone():
+def test_the_energy_of_the_cart_pole_changes_by_the_work_of_the_force_alone(load):
     module = load('cart_pole')
     m, M, length, g = module.POLE_KG, module.CART_KG, module.LENGTH_M, module.GRAVITY
 
@@ -65,7 +70,7 @@ def test_the_energy_of_the_cart_pole_changes_by_the_work_of_the_force_alone():
         assert change == pytest.approx(force * x[2], abs=1e-6)
 
 
-def test_the_quadrotor_passes_the_discs_as_closely_as_it_may():
+def test_the_quadrotor_passes_the_discs_as_closely_as_it_may(load):
     module = load('quadrotor')
     X, U, _ = solve(module).plan
     assert np.allclose(X[-1], [*module.GOAL, 0.0, 0.0, 0.0, 0.0], atol=1e-5)
@@ -73,7 +78,7 @@ def test_the_quadrotor_passes_the_discs_as_closely_as_it_may():
     assert min(module.clearances(X)) == pytest.approx(0.0, abs=1e-4)
 
 
-def test_the_point_robot_takes_the_time_of_the_closed_form_and_more_in_a_bend():
+def test_the_point_robot_takes_the_time_of_the_closed_form_and_more_in_a_bend(load):
     module = load('point_robot')
     straight = solve(module, np.zeros(module.HORIZON + 1))
     assert straight.cost == pytest.approx(module.straight_time_s(), rel=1e-5)
@@ -83,12 +88,6 @@ def test_the_point_robot_takes_the_time_of_the_closed_form_and_more_in_a_bend():
     assert whole.max() <= module.MAX_ACCELERATION_MPS2 + 1e-5
     assert np.median(whole) == pytest.approx(module.MAX_ACCELERATION_MPS2, rel=1e-3)
     assert bend.cost > straight.cost
-
-
-@pytest.mark.parametrize('script', EXAMPLES.glob('*.py'), ids=lambda path: path.stem)
-def test_an_example_prints_its_solution(script, capsys):
-    runpy.run_path(str(script), run_name='__main__')
-    assert 'solved after' in capsys.readouterr().out
 
 
 def test_the_benchmark_writes_a_row_per_problem_start_and_solver(tmp_path):

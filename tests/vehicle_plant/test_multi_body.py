@@ -248,11 +248,6 @@ def test_what_would_have_no_effect_is_refused(tmp_path, name, value, text):
         parameters.load(car_with(tmp_path, name, value))
 
 
-def test_actuators_may_change(tmp_path):
-    plant = parameters.load(car_with(tmp_path, 'car.steering.rate_radps', 0.3))
-    assert plant.car.steering.rate_radps == 0.3
-
-
 def test_without_the_package_the_error_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, 'vehiclemodels', None)
     with pytest.raises(ParameterError, match=r"model: .*pip install 'vehicle_plant\[commonroad\]'"):

@@ -1,13 +1,10 @@
 """Friction by patches: under which wheel, from where to where, and what the car does on it."""
 
-import re
-
 import numpy as np
 import pytest
 from drives import altered, drive
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from installation import ROOT
 
 from msgs_yaml.types import WHEELS
 from node_runtime.parameters import ParameterError
@@ -162,13 +159,3 @@ def test_sixteen_patches_are_sixteen(params):
 def test_map_that_makes_no_sense_is_refused(corners, friction, message):
     with pytest.raises(ParameterError, match=f'patches: .*{message}'):
         road_friction.patch_array(corners, friction)
-
-
-def test_parameters_of_the_node_take_the_flat_arrays_of_the_manual():
-    text = (ROOT / 'docs/plant.md').read_text()
-    corners, friction = (
-        tuple(float(n) for n in re.search(rf'{name}:=\[(.*?)\]', text)[1].split(','))
-        for name in ('corners_m', 'patches.friction')
-    )
-    assert friction_at(50.0, 1.0, corners, friction) == 0.3
-    assert friction_at(50.0, -1.0, corners, friction) == 1.0

@@ -12,9 +12,8 @@ from installation import ROOT
 from msgs_yaml.types import WHEELS, Command
 from node_runtime import named_vector
 from vehicle_plant import parameters
-from vehicle_plant.initial_state import Start
-from vehicle_plant.simulator import START_NS, STEP_NS, TICK_STEPS, Simulator
-from vehicle_plant.state import State, join_trajectories, messages, wrap_angle
+from vehicle_plant.simulator import START_NS, TICK_STEPS, Simulator
+from vehicle_plant.state import State, join_trajectories, wrap_angle
 
 CAR = load().car
 LIMIT = CAR.steering.limit_rad
@@ -111,26 +110,6 @@ def test_same_commands_give_the_same_bits_and_a_fork_goes_the_same_way(params):
     assert cars[0].gate.rejected == 0
     assert np.array_equal(forked.advance(None, 70).rows, expected.rows)
     assert np.array_equal(cars[0].advance(None, 70).rows, expected.rows)
-
-
-def test_bursts_of_any_length_give_the_same_track(params):
-    command = Command(START_NS, 0.05, 0.0, -800.0, 300.0)
-    whole, parts = (Simulator(params, 1.0, ahead(20.0)) for _ in range(2))
-    a = whole.advance(command, 50)
-    pieces = [parts.advance(command, 17), *(parts.advance(None, n) for n in (0, 1, 32))]
-    assert np.allclose(a.rows, join_trajectories(pieces).rows, rtol=0, atol=1e-10)
-    assert a.stamp_ns.tolist() == join_trajectories(pieces).stamp_ns.tolist()
-
-
-def test_stamps_count_milliseconds_from_the_start(params):
-    car = Simulator(params, 1.0, Start(3.0, 4.0, 0.5, 20.0))
-    assert car.state == (START_NS, 3.0, 4.0, 0.5, 20.0, 0.0, 0.0)
-    track = car.advance(None, 3)
-    assert track.stamp_ns.tolist() == [START_NS + i * STEP_NS for i in (1, 2, 3)]
-    assert car.state == messages(track.state_columns())[2]
-    assert messages(car.now.wheel_columns()) == messages(track.wheel_columns())[2:]
-    assert messages(car.now.imu_columns()) == messages(track.imu_columns())[2:]
-    assert car.actuators == messages(track.actuator_columns())[2]
 
 
 def test_the_manual_counts_the_states():

@@ -233,13 +233,6 @@ def test_force_stays_within_the_ellipse_of_the_peaks_of_pure_slip(params, rng, n
     assert 0.95 < use.max() < most
 
 
-def test_right_hand_tyre_is_the_mirror_image():
-    point = (4000.0, 0.03, 0.05, 0.02, PRESSURE)
-    left = tyre.force(contact(point), TYRES['all terms'], ONES)
-    mirror = contact(point)._replace(tan_alpha=-np.tan(0.05), gamma=-0.02)
-    assert tyre.mirrored_force(mirror, TYRES['all terms'], ONES) == (left.Fx, -left.Fy)
-
-
 @pytest.mark.parametrize(
     ('name', 'Fz', 'Ky', 'right', 'left', 'braking'),
     [

@@ -2,7 +2,6 @@
 
 import json
 
-import numpy as np
 import pytest
 
 from bags.errors import BagError, DamagedBagWarning
@@ -10,12 +9,10 @@ from bags.evaluation.drive import (
     LATERAL_LIMIT,
     NO_ACCELERATIONS,
     NO_INPUTS,
-    drive_from_columns,
     facts_from_run_info,
 )
 from bags.report.comparison import compare_bags
 from bags.run import load_quietly
-from bags.storage import columns
 from node_runtime import provenance
 
 PARAMETERS = {
@@ -57,22 +54,6 @@ def test_the_judge_takes_its_distances_from_the_notes_of_the_run():
     assert result.outline.front + result.outline.rear == pytest.approx(2.9 + 0.8 + 1.1)
     assert result.outline.width == 1.9
     assert set(result.wheels) == {(1.4, 0.8), (1.4, -0.8), (-1.5, 0.85), (-1.5, -0.85)}
-
-
-@pytest.mark.parametrize('topic', ['/vehicle/odometry', '/controller/command'])
-def test_two_rings_in_one_domain_are_not_judged(topic):
-    def table(name, stamps):
-        zeros = dict.fromkeys(columns.names(name), np.zeros(len(stamps)))
-        return columns.Columns(**zeros | {'stamp_ns': np.array(stamps, dtype=np.int64)})
-
-    stamps = {'/vehicle/odometry': [10, 20, 30], '/controller/command': [10, 20]}
-    stamps[topic] = [10, 20, 20]
-    result = {name: table(name, at) for name, at in stamps.items()}
-    result |= dict.fromkeys(('/vehicle/imu', '/vehicle/actuators'))
-    with pytest.raises(
-        BagError, match=f'{topic} has two different messages of one stamp.*shared a ROS domain'
-    ):
-        drive_from_columns(result, NOTE, 'bag')
 
 
 def test_a_car_without_actuators_and_imu_is_judged_by_its_motion(make_drive, write_bag):
@@ -121,16 +102,6 @@ def test_runs_of_different_scenarios_compare_by_force_only_and_damage_is_no_warn
     assert not [item for item in recwarn if item.category is DamagedBagWarning]
 
 
-def test_notes_say_what_the_numbers_depend_on():
-    assert all(isinstance(value, str) for value in NOTE.values())
-    assert json.loads(NOTE['parameters']) == PARAMETERS
+def test_notes_name_the_versions_that_the_numbers_depend_on():
     versions = json.loads(NOTE['versions'])
-    assert versions['numpy'] == np.__version__
     assert 'unknown' not in (versions['python'], versions['casadi'], versions['rclpy'])
-    assert json.loads(NOTE['machine'])['cores'] >= 1
-    others = [
-        provenance.describe_run('somewhere', text, 'mpcc', 'lockstep', PARAMETERS)
-        for text in ('schema: 1', 'schema: 2')
-    ]
-    hashes = [note['scenario_sha256'] == NOTE['scenario_sha256'] for note in others]
-    assert hashes == [True, False]

@@ -28,14 +28,6 @@ def test_the_overestimation_has_the_known_values(radius, inside, known):
     assert result == pytest.approx(np.array(known), abs=0.006)
 
 
-def test_the_chord_is_the_distance_of_two_points_of_the_plane():
-    gap, inside, vehicle = np.linspace(-60.0, 60.0, 41), 1.3, -0.4
-    bearing = gap / RADIUS
-    there = (RADIUS - inside) * np.exp(1j * bearing)
-    result = frame_distances.circle_distances(RADIUS, gap, inside, REACH, vehicle)
-    assert result.cartesian == pytest.approx(np.abs(there - (RADIUS - vehicle)) - REACH, abs=1e-12)
-
-
 def test_the_sign_turns_at_one_gap_outside_the_circle_and_at_none_inside():
     assert frame_distances.turning_gap(RADIUS, 1.0) == 0.0
     turn = frame_distances.turning_gap(RADIUS, -1.0)

@@ -239,11 +239,6 @@ def test_another_road_or_car_does_not_compare_and_the_difference_is_named(other,
         (['a/mpcc', 'a/frenet'], ['mpcc', 'frenet'], ['mpcc', 'frenet']),
         (['a/mpcc', 'a/mpcc@1'], ['mpcc', 'mpcc'], ['mpcc', 'mpcc@1']),
         (['a/mpcc', 'b/mpcc', 'a/x'], ['mpcc', 'mpcc', 'frenet'], ['a/mpcc', 'b/mpcc', 'frenet']),
-        (
-            ['a/mpcc', 'a/frenet', 'b/x'],
-            ['frenet', 'frenet', 'mpcc'],
-            ['a/mpcc', 'a/frenet', 'mpcc'],
-        ),
         (['a/mpcc/mpcc_0.mcap', 'a/mpcc@1'], ['mpcc', 'mpcc'], ['mpcc', 'mpcc@1']),
     ],
 )

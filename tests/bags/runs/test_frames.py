@@ -67,28 +67,20 @@ def test_messages_of_one_stamp_are_all_in_the_frame(second, topic, rows):
     assert len(frames.frame_of(topic, repeated)) == 2 * rows
 
 
-def test_every_disc_of_an_obstacle_has_its_place_behind_the_first_one(second):
+def test_an_obstacle_is_not_a_number_while_absent_and_its_discs_are_behind_its_first_one(second):
     topic = '/scenario/obstacles'
     table = second.table(topic)
-    (one, *rest) = table.values[0].items
-    several = table.values[0]._replace(items=(one._replace(others=((2.0, 0.5),)), *rest))
-    values = (several, *table.values[1:])
-    frame = frames.frame_of(topic, Columns(table.stamp_ns, table.t_s, values=values))
-    assert (frame['x_m.1.1'].iloc[0], frame['y_m.1.1'].iloc[0]) == (one.X + 2.0, one.Y + 0.5)
-    assert np.isnan(frame['x_m.1.1'].iloc[1])
-    columns = [name for name in frame if name.split('.')[1:2] == ['1']]
-    assert columns.index('x_m.1') < columns.index('x_m.1.1')
-
-
-def test_an_obstacle_is_not_a_number_while_it_is_absent(second):
-    topic = '/scenario/obstacles'
-    table = second.table(topic)
-    first = table.values[0]._replace(items=table.values[0].items[1:])
-    values = (first, *table.values[1:])
-    frame = frames.frame_of(topic, Columns(table.stamp_ns, table.t_s, values=values))
-    assert tuple(frame)[1] == 'x_m.1'  # in the order of the ids all the same
-    assert np.isnan(frame['x_m.1'].iloc[0])
-    assert frame['x_m.1'].iloc[1] == 40.0
+    one, other = table.values[0].items
+    several = one._replace(others=((2.0, 0.5),))
+    crowds = (other,), (several, other), (one, other)
+    values = [value._replace(items=items) for value, items in zip(table.values, crowds)]
+    frame = frames.frame_of(topic, Columns(table.stamp_ns[:3], table.t_s[:3], values=values))
+    assert frame['x_m.1'].tolist() == pytest.approx([np.nan, one.X, one.X], nan_ok=True)
+    assert frame['x_m.1.1'].tolist() == pytest.approx([np.nan, one.X + 2.0, np.nan], nan_ok=True)
+    assert frame['y_m.1.1'].iloc[1] == one.Y + 0.5
+    # in the order of the ids all the same
+    columns = [name for name in frame if name.startswith('x_m')]
+    assert columns == ['x_m.1', 'x_m.1.1', 'x_m.2']
 
 
 @pytest.mark.parametrize('topic', frames.FRAMED)

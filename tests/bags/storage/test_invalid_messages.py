@@ -6,8 +6,10 @@ import math
 import re
 import struct
 
+import hostile_messages
 import numpy as np
 import pytest
+from example_messages import load_example, put
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from nav_msgs.msg import Path as PathMessage
@@ -30,14 +32,11 @@ from bags.storage.invalid_messages import (
 )
 from msgs_yaml import encode
 from msgs_yaml.types import (
-    Actuators,
     Command,
     Health,
-    Imu,
     Obstacle,
     Obstacles,
     VehicleState,
-    Wheels,
     Why,
 )
 from node_runtime import ros
@@ -47,58 +46,13 @@ WALL_NS = 1_700_000_000 * S
 LATER_NS = 9 * S
 STATE, REFERENCE, WHY = '/vehicle/odometry', '/scenario/reference', '/controller/why'
 ACTUATORS, IMU, OBSTACLES = '/vehicle/actuators', '/vehicle/imu', '/scenario/obstacles'
-FOUR = (0.1, 0.2, 0.3, 0.4)
-MADE = {
-    STATE: lambda: encode.odometry(VehicleState(S, 1.0, 2.0, 0.3, 20.0, 0.1, 0.2)),
-    ACTUATORS: lambda: encode.actuators(Actuators(S, 0.1, 0.2, -3e3, -2e3, FOUR)),
-    IMU: lambda: encode.imu(Imu(S, 1.0, 2.0, 0.1)),
-    '/vehicle/wheels': lambda: encode.wheels(Wheels(S, *[FOUR] * 7)),
-    '/controller/command': lambda: encode.command(Command(S, 0.1, 0.2, -3e3, -2e3)),
-}
-NUMBERS = st.one_of(
-    st.floats(-1e9, 1e9), st.sampled_from([math.nan, math.inf, -math.inf, 0.0, -0.0, 1.0, 120.0])
-)
-PATHS = (
-    *('pose.pose.orientation.w', 'pose.pose.position.y', 'twist.twist.linear.x'),
-    *('linear_acceleration.x', 'angular_velocity.z'),
-)
+JOINTS = ('/vehicle/actuators', '/vehicle/wheels', '/controller/command')
+EDITS = st.lists(st.tuples(st.integers(0, 9999), st.integers(0, 9999)), max_size=2)
 
 
 def made_up(name, *messages):
     """Return a bag of one topic; what is no bytes is serialised."""
     return in_memory(recording(name, messages))
-
-
-def put(message, path, value):
-    """Set a field of a message by its path; return the message."""
-    *parents, last = path.split('.')
-    owner = message
-    for name in parents:
-        owner = getattr(owner, name)
-    setattr(owner, last, value)
-    return message
-
-
-def change(message, draw):
-    """Change something of a message that a publisher may get wrong."""
-    kind = draw(st.sampled_from(['number', 'frame', 'stamp', 'names', 'length', 'nothing']))
-    if kind == 'frame':
-        put(message, 'header.frame_id', draw(st.sampled_from(['', 'map', 'base_link'])))
-    elif kind == 'stamp':
-        put(message, 'header.stamp.sec', draw(st.integers(-2, 1)))
-        put(message, 'header.stamp.nanosec', draw(st.integers(0, 1)))
-    elif hasattr(message, 'name'):
-        array = getattr(message, draw(st.sampled_from(['position', 'velocity', 'effort'])))
-        if kind == 'names':
-            message.name = draw(st.permutations(list(message.name)))
-        elif kind == 'length':
-            array.append(0.0)
-        elif kind == 'number':
-            array[draw(st.integers(0, len(array) - 1))] = draw(NUMBERS)
-    elif kind == 'number':
-        own = [path for path in PATHS if hasattr(message, path.split('.')[0])]
-        put(message, draw(st.sampled_from(own)), draw(NUMBERS))
-    return ros.serialize(message)
 
 
 def obeys(name, payload):
@@ -109,12 +63,16 @@ def obeys(name, payload):
     return True
 
 
-@pytest.mark.parametrize('name', MADE)
+@pytest.mark.parametrize('name', [STATE, IMU, *JOINTS])
 def test_the_fast_look_decides_as_the_decoder_does(name):
-    @settings(max_examples=40)
-    @given(st.data())
-    def tried(data):
-        payloads = [change(MADE[name](), data.draw) for _ in range(4)]
+    sound = load_example(name)
+
+    @settings(max_examples=60)
+    @given(st.lists(EDITS, min_size=4, max_size=4))
+    def tried(several):
+        payloads = [hostile_messages.changed(sound, edits) for edits in several]
+        if name in JOINTS:
+            payloads.append(ros.serialize(put(load_example(name), 'name', [*sound.name[::-1]])))
         expected = [obeys(name, payload) for payload in payloads]
         assert obeys_contract(TOPICS[name], payloads).tolist() == expected
         for payload, good in zip(payloads, expected):
@@ -125,7 +83,7 @@ def test_the_fast_look_decides_as_the_decoder_does(name):
 
 
 def test_a_torn_message_among_whole_ones_is_left_out_with_its_times():
-    whole = ros.serialize(MADE[IMU]())
+    whole = ros.serialize(load_example(IMU))
     result = drop_invalid(made_up(IMU, whole, whole[:30], whole, b'', whole))
     assert result.recordings[IMU].log_ns.tolist() == [0, 2, 4]
     assert result.invalid[IMU].count == 2
@@ -133,13 +91,17 @@ def test_a_torn_message_among_whole_ones_is_left_out_with_its_times():
 
 
 def test_time_counts_from_the_first_valid_state():
-    early = put(put(MADE[STATE](), 'header.stamp.sec', 0), 'header.stamp.nanosec', 5)
-    result = drop_invalid(made_up(STATE, put(early, 'header.frame_id', 'odom'), MADE[STATE]()))
+    early = put(put(load_example(STATE), 'header.stamp.sec', 0), 'header.stamp.nanosec', 5)
+    result = drop_invalid(
+        made_up(STATE, put(early, 'header.frame_id', 'odom'), load_example(STATE))
+    )
     assert read.columns(result)[STATE].t_s.tolist() == [0.0]
 
 
 def test_columns_check_no_range_and_sifting_does():
-    bag = made_up(STATE, MADE[STATE](), put(MADE[STATE](), 'twist.twist.linear.x', math.nan))
+    bag = made_up(
+        STATE, load_example(STATE), put(load_example(STATE), 'twist.twist.linear.x', math.nan)
+    )
     assert np.isnan(read.columns(bag)[STATE].vx_mps).tolist() == [False, True]
     assert len(read.columns(drop_invalid(bag))[STATE].vx_mps) == 1
     with pytest.raises(BagError, match='message 1 of /vehicle/odometry'):
@@ -293,7 +255,7 @@ def test_the_other_readers_go_on_and_count_too(bag, command, bags_prints):
 def test_samples_with_a_stamp_of_another_time_are_left_out_and_counted(clean, write_bag):
     extra = []
     for topic, stamp_ns in ((STATE, 1), (STATE, WALL_NS), (ACTUATORS, WALL_NS), (IMU, 1)):
-        stray = put(MADE[topic](), 'header.stamp.sec', stamp_ns // S)
+        stray = put(load_example(topic), 'header.stamp.sec', stamp_ns // S)
         stray = put(stray, 'header.stamp.nanosec', stamp_ns % S)
         extra.append((topic, LATER_NS, ros.serialize(stray)))
     folder = write_bag(DRIVE, extra=extra)
@@ -307,16 +269,24 @@ def test_samples_with_a_stamp_of_another_time_are_left_out_and_counted(clean, wr
     assert (dict(load_quietly(folder).metrics), summarize_bag(read.load(folder))['ticks']) == clean
 
 
-def test_a_second_state_of_a_stamp_is_still_that_of_a_second_ring(write_bag):
-    twin = VehicleState(int(DRIVE.motion.stamp_ns[50]), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    extra = [(STATE, LATER_NS, ros.serialize(encode.odometry(twin)))]
-    with pytest.raises(BagError, match=r'two different messages of one stamp.*shared a ROS domain'):
+TWIN_NS = int(DRIVE.motion.stamp_ns[50])
+TWINS = {
+    STATE: encode.odometry(VehicleState(TWIN_NS, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
+    '/controller/command': encode.command(Command(TWIN_NS, 0.1, 0.0, 0.0, 0.0)),
+}
+
+
+@pytest.mark.parametrize('topic', TWINS)
+def test_a_second_message_of_a_stamp_is_that_of_a_second_ring(write_bag, topic):
+    extra = [(topic, LATER_NS, ros.serialize(TWINS[topic]))]
+    why = f'{topic} has two different messages of one stamp.*shared a ROS domain'
+    with pytest.raises(BagError, match=why):
         load_quietly(write_bag(DRIVE, extra=extra)).metrics['verdict']
 
 
 def test_a_bag_with_nothing_valid_of_a_topic_cannot_be_judged_and_says_why():
     bag = made_up(REFERENCE, PathMessage())
-    other = made_up(STATE, MADE[STATE]()).recordings
+    other = made_up(STATE, load_example(STATE)).recordings
     only = drop_invalid(bag._replace(recordings=bag.recordings | other))
     with pytest.raises(BagError, match=r'no valid message of /scenario/reference .* poses is 0'):
         read.columns(only, [REFERENCE])

@@ -6,7 +6,6 @@ import time
 
 import numpy as np
 import pytest
-import rclpy
 from wait_until import wait_until
 
 from experiments.configuration import inputs, node_config
@@ -42,16 +41,11 @@ def is_complete(received):
     )
 
 
-@pytest.mark.parametrize('namespace', ['/', '/car1'])
-def test_it_draws_the_ring_with_its_own_parameters_and_outlives_bad_messages(
-    namespace, start_node, make_ring
-):
-    process = start_node('bags.markers_node', namespace=namespace, **{'outline.width_m': 1.7})
-    ring, received, ticks = make_ring('lockstep', namespace), {}, itertools.count()
+def test_it_draws_the_ring_with_its_own_parameters_and_outlives_bad_messages(start_node, make_ring):
+    process = start_node('bags.markers_node', namespace='/car1', **{'outline.width_m': 1.7})
+    ring, received, ticks = make_ring('lockstep', '/car1'), {}, itertools.count()
     for topic in DRAWN:
         ros.subscribe(ring.node, topic, lambda message, t=topic: received.update({t: message}))
-    executor = rclpy.executors.SingleThreadedExecutor(context=ring.context)
-    executor.add_node(ring.node)
 
     def publish_until(done, cut=False):
         def tick():
@@ -59,7 +53,7 @@ def test_it_draws_the_ring_with_its_own_parameters_and_outlives_bad_messages(
                 ring.publishers[topic].publish(CUT if cut else message)
             end = time.monotonic() + 0.05
             while time.monotonic() < end:
-                executor.spin_once(timeout_sec=0.01)
+                ring.executor.spin_once(timeout_sec=0.01)
 
         wait_until(done, SECONDS, lambda: str(received.keys()), pause=tick)
 

@@ -78,10 +78,9 @@ def compile_all(folder: Path) -> None:
     (module / '__init__.py').touch()
     for source in python.glob('*.py'):
         (module / 'msg' / source.name).write_bytes(source.read_bytes())
-    for name in (C, FAST, LOOK_INTO):
-        links = (f'{PACKAGE}__{generator_py}', f'{PACKAGE}__{name}', f'{PACKAGE}__{C}', C, *runtime)
-        sources = [folder / 'py' / f'_{PACKAGE}_s.ep.{name}.c']
-        _compile(folder, module / f'{PACKAGE}_s__{name}.so', sources, links)
+    links = (f'{PACKAGE}__{generator_py}', f'{PACKAGE}__{C}', C, *runtime)
+    sources = [folder / 'py' / f'_{PACKAGE}_s.ep.{C}.c']
+    _compile(folder, module / f'{PACKAGE}_s__{C}.so', sources, links)
 
 
 def _library(folder, name, sources, pattern, links):
