@@ -66,37 +66,25 @@ def is_said(text, parts):
 
 SETTINGS = [
     ('friction=1', "--set friction=1: ... did you mean 'estimator.friction' or 'plant.friction'?"),
-    ('plant.faults.until_s=0.0', 'faults.until_s: is 0 s; allowed more than faults.from_s, 0 s'),
     ('solver.mdoe=one_step', "did you mean 'controller.solver.mode'?"),
     ('contoller.solver.mode=one_step', "did you mean 'controller.solver.mode'?"),
     ('weights.lag=0', 'weights.lag=0: ... controller.tolerances'),
     ('plant.friction', '--set plant.friction: '),
     ('wheel.size=1', '--set wheel.size=1: '),
     ('plant.x=[1', '--set plant.x=[1: '),
-    ('plant.friction=1e-1x', 'friction: must be a number'),
     ('plant.friction=', 'plant.friction: friction: has no value; allowed 0.05 to 1.5'),
-    ('controller.tolerances.lag_m=', 'tolerances.lag_m: has no value; allowed 0.001 to 1000 m'),
     ('controller.tolerances=1', 'is a group, not a parameter; allowed tolerances.'),
     ('controller.tolerances.contorting_m=1', "did you mean 'tolerances.contouring_m'"),
     ('controller.model.friction=9.0', '--set controller.model.friction: '),
-    ('plant.frictoin=1', "did you mean 'friction'"),
     ('plant.plant_params=1', 'plant_params: must be a text'),
     ('plant.start.from=foo', 'start.from: '),
-    ('plant.start.from=1', 'allowed reference or parameters'),
-    ('plant.stop.time_s=0.4', '--set plant.stop.time_s: stop.time_s: ... 0.5 to 600 s'),
     ('recorder.chnk_s=0.1', "chnk_s: this node has no such param ... did you mean 'chunk_s'?"),
-    ('recorder.split_mb=abc', 'split_mb: must be a number'),
-    ('recorder.split_mb=-1', 'is -1; allowed 0 to 1e+06 MB'),
     ('recorder.realtime.priority=high', 'realtime.priority: '),
     ('scenario.speed=24', 'speed: this node has no such parameter'),
     ('scenario.mode=fast', 'mode: '),
     ('controller.car_file=~nosuchuser/car.yaml', 'there is no file ~nosuchuser/car.yaml'),
-    (
-        'controller.car_file=no.yaml',
-        'car_file: ... config/no.yaml; it has car.yaml, car_commonroad_320i.yaml',
-    ),
+    ('controller.car_file=no.yaml', 'car_file: ... config/no.yaml; it has car.yaml, car_commonro'),
     ('plant.tyre_set=no.yaml', 'tyre_set: ... config/no.yaml; it has tyre_205_60r15.yaml, tyre_2'),
-    ('plant.plant_params=no.yaml', 'plant_params: ... config/no.yaml; it has bmw_320i.yaml, bmw_'),
     ('plant.plant_params=vw_gti.yaml', 'does not fit the plant: wheelbase'),
     (
         'controller.limits.steer_rate_radps=0.9',
@@ -105,13 +93,9 @@ SETTINGS = [
     ),
     (
         'controller.limits.brake_n=0',
-        '--set controller.limits.brake_n: limits.brake_n: is 0; allowed from 14000, 0.5 of what '
-        'the car can do (actuators.brake_n)',
+        'limits.brake_n: is 0; allowed from 14000, 0.5 of what the car',
     ),
-    (
-        'controller.formulation.name=trackin',
-        "formulation.name: is 'trackin'; did you mean 'tracking'?; allowed mpcc or frenet or ",
-    ),
+    ('controller.formulation.name=trackin', "did you mean 'tracking'?; allowed mpcc or frenet or "),
 ]
 CONTROLLERS = [
     ('mpc', "did you mean 'mpcc'"),
@@ -139,15 +123,11 @@ CONTROLLERS = [
         (('./raod.yml',), "did you mean 'road.yaml'"),
         (('wish.yaml',), 'expect.survive: no such metric ... survived'),
         (('straight', '--controller', 'mpcc', '--controller', 'sub/mpcc.yaml'), "called 'mpcc'"),
-        (
-            ('straight', '--controller', './steer.py', '--set', 'controller.x=1'),
-            '--set controller.x: the controller steer is a program',
-        ),
+        (('straight', '--controller', './steer.py', '--set', 'controller.x=1'), 'is a program'),
         (('straight', '--plant', 'no_car.py'), '--plant no_car.py: ... there is no such file'),
         (('straight', '--plant', 'bad.yaml'), 'neither a Python file nor a program'),
         (('straight', '--out', '/dev/null'), '--out /dev/null: cannot create the folder'),
         (('straight', '--out', 'bad.yaml/x'), '--out bad.yaml/x: cannot ... bad.yaml is not a fo'),
-        (('straight', '--out', '/proc/runs'), '--out /proc/runs: cannot create the folder'),
     ],
     ids=lambda value: ' '.join(value[-2:]) if isinstance(value, tuple) else None,
 )
@@ -168,19 +148,10 @@ def test_mistakes_in_a_run(refused, words, expected):
             'scenario: straight\nsettings:\n  plnt.friction: 1',
             "3: settings.plnt.friction: is no setting; did you mean 'plant.friction'?; allowed rec",
         ),
-        (
-            'scenario: straight\nsettings: {plant.friction: {a: 1}}',
-            '2: settings.plant.friction: is no parameter; allowed a number',
-        ),
-        (
-            'scenario: straight\nsettings:\n  plant.friction: 9.0',
-            '3: settings.plant.friction: ... allowed 0.05 to 1.5',
-        ),
+        ('scenario: straight\nsettings: {plant.friction: {a: 1}}', '2: settings. ... is no param'),
+        ('scenario: straight\nsettings: {plant.friction: 9.0}', '2: ... allowed 0.05 to 1.5'),
         ('scenario: straight\nlabels: [7]', '2: labels[0]: must be a text, is 7; allowed 1 to 40'),
-        (
-            'scenario: straight\ncontrollers: [mpcc, frenet, mpcc_road]\nlabels: [a, b]',
-            '3: labels: has 2 labels; allowed 1 or 3',
-        ),
+        ('scenario: straight\ncontrollers: [a, b, c]\nlabels: [a, b]', '3: ... allowed 1 or 3'),
     ],
 )
 def test_mistakes_in_a_run_file(refused, tmp_path, text, expected):
@@ -198,6 +169,7 @@ STUDY = {
 }
 
 
+FRICTION = 'plant.friction'
 IN_A_PROCESS = ':9: set.plant.friction[1]: ... 0.05 to 1.5'  # as every study is checked
 
 
@@ -209,31 +181,20 @@ def draw_of(name, distribution, **more):
     ('given', 'expected'),
     [
         ({'schema': 2}, 'schema: ... allowed 1'),
-        ({'schema': None}, "key 'schema' is missing"),
         ({'scenarios': None}, 'scenarios: is missing'),
         ({'controllers': None}, "key 'controllers' is missing"),
         ({'run': 3}, "run: ... did you mean 'runs'?; allowed schema, controllers, scenarios"),
-        ({'scenarios': 'straight'}, 'scenarios: must be a list'),
         ({'scenarios': []}, 'scenarios: ... at least one'),
         ({'scenarios': ['straight', 3]}, 'scenarios[1]: ... a name or a file'),
         ({'scenarios': ['./*.yml']}, 'scenarios[0]: ... fits no file'),
-        (
-            {'scenarios': ['pop_up:3']},
-            "scenarios[0]: 'pop_up:3' is a draw of a family; allowed under",
-        ),
+        ({'scenarios': ['pop_up:3']}, "scenarios[0]: 'pop_up:3' is a draw ... allowed under fam"),
         ({'scenarios': ['strait']}, "scenarios: no scenario 'strait'; available: ... 'straight'"),
-        ({'scenarios': ['./no_road.yaml']}, 'scenarios: no file ... no_road.yaml'),
         ({'scenarios': ['./road.yaml', './other.yaml']}, "other.yaml have one name, 'road'"),
         ({'controllers': ['mpc']}, "controllers: no controller 'mpc'; there are"),
         ({'controllers': ['./no.yaml']}, 'controllers: no controller ... no.yaml ... no such file'),
-        (
-            {'controllers': ['./bad.yaml']},
-            'controllers: ... bad.yaml ... safety.obstacle_m ... all',
-        ),
+        ({'controllers': ['./bad.yaml']}, 'controllers: ... bad.yaml ... safety.obstacle_m ...'),
         ({'controllers': ['./steer.py']}, 'only `experiments run` drives it'),
         ({'runs': 0}, 'runs: ... allowed 1 to 10000'),
-        ({'runs': 1.5}, 'runs: ... a whole number'),
-        ({'seed': -1}, 'seed: ... allowed 0 to'),
         ({'set': {'friction': [1.0]}}, 'set.friction: ... allowed plant.*, controller.*, '),
         ({'set': {'plant.friction': 1.0}}, 'set.plant.friction: must be a list'),
         ({'set': {'plant.friction': []}}, 'set.plant.friction: ... at least one'),
@@ -243,44 +204,28 @@ def draw_of(name, distribution, **more):
         ({'set': {'plant.car.no_such': [1, 2]}}, 'set.plant.car.no_such[0]: ... no such parameter'),
         ({'set': {'controller.safety.obstacle_m': [0.5, -1.0]}}, '_m[1]: ... allowed 0.01 to 10 m'),
         ({'set': {'scenario.speed_mps': [20.0, 200.0]}}, '_mps[1]: ... allowed 1 to 100 m/s'),
-        (
-            {'set': {f'plant.car.{name}': [*range(100)] for name in 'abc'}},
-            '2,000,000 drives; allowed at most',
-        ),
+        ({'set': {f'plant.car.{name}': [*range(100)] for name in 'abc'}}, '2,000,000 drives; al'),
         ({'difficulty': 'hard'}, 'difficulty: ... no effect without families'),
         ({'draws': 3}, 'draws: ... no effect without draw or families'),
         ({'families': ['pop_up']}, 'draws: is missing'),
         ({'families': ['popup'], 'draws': 3}, 'families[0]: ... allowed pop_up or'),
-        ({'families': [], 'draws': 3}, 'families: ... at least one'),
         (
             {'families': ['pop_up'], 'draws': 2, 'set': {'scenario.speed_mps': [20.0]}},
             'families: ... without scenario.speed_mps',
         ),
-        (draw_of('plant.friction', {'uniform': [0.5, 1.0]}, draws=None), 'draws: is missing'),
-        (
-            draw_of('plant.friction', {'uniform': [0.5, 1]}, set={'plant.friction': [1.0]}),
-            'draw.plant.friction: is in set, too',
-        ),
+        (draw_of(FRICTION, {'uniform': [0.5, 1.0]}, draws=None), 'draws: is missing'),
+        (draw_of(FRICTION, {'uniform': [0.5, 1]}, set={FRICTION: [1.0]}), 'is in set, too'),
         (draw_of('friction', {'uniform': [0.5, 1]}), "draw.friction: ... mean 'scenario.friction'"),
-        (
-            draw_of('scenario.speed_mps', {'uniform': [20, 101]}),
-            'draw.scenario.speed_mps: is 101.0; allowed 1 to 100 m/s',
-        ),
-        (draw_of('plant.friction', {'uniform': [0.5, 9.0]}), '9.0: ... allowed 0.05 to 1.5'),
+        (draw_of('scenario.speed_mps', {'uniform': [20, 101]}), 'is 101.0; allowed 1 to 100 m/s'),
+        (draw_of(FRICTION, {'uniform': [0.5, 9.0]}), '9.0: ... allowed 0.05 to 1.5'),
         (draw_of('controller.no_such', {'uniform': [0, 1]}), 'no_such: ... no such parameter'),
-        (
-            draw_of('plant.command_delay_ms', {'choice': [0, 20, 0.5]}),
-            'draw.plant.command_delay_ms: ... 0.5: ... whole number',
-        ),
-        (draw_of('plant.command_delay_ms', {'uniform': [0, 20]}), '0.0: ... whole number'),
+        (draw_of('plant.command_delay_ms', {'choice': [0, 0.5]}), '_ms: ... 0.5: ... whole number'),
         *(
-            (draw_of('plant.friction', distribution), said)
+            (draw_of(FRICTION, distribution), said)
             for distribution, said in (
                 ({'unifrom': [0, 1]}, "unifrom: is no distribution; did you mean 'uniform'"),
                 ({'uniform': [1, 0]}, 'uniform: is from 1 to 0; allowed ... low < high'),
-                ({'uniform': [1]}, 'uniform: has 1 elements; allowed exactly 2'),
                 ({'uniform': [0, float('inf')]}, 'uniform[1]: must be finite, is .inf'),
-                ({'uniform': 3}, 'uniform: must be a list'),
                 ({'log_uniform': [0, 1]}, 'log_uniform: begins at 0; allowed above 0'),
                 ({'normal': [0, 1]}, 'within is missing'),
                 ({'normal': [0, 0], 'within': [0, 1]}, 'standard deviation 0; allowed above 0'),
@@ -288,7 +233,6 @@ def draw_of(name, distribution, **more):
                 ({'choice': []}, 'choice: is empty'),
                 ({'uniform': [0, 1], 'choice': [1]}, 'exactly one of uniform'),
                 ({'uniform': [0, 1], 'within': [0, 1]}, 'within: is no distribution'),
-                ([1, 2], 'must be a mapping'),
             )
         ),
     ],
@@ -308,22 +252,18 @@ def test_mistakes_in_a_study(refused, tmp_path, request, given, expected):
     ('place', 'value', 'expected'),
     [
         ('serach', {}, "serach: unknown key; did you mean 'search'?"),
-        ('picture', None, "key 'picture' is missing"),
         ('judged_tasks', 0, ':6: judged_tasks: is 0; allowed 1 to'),
         ('starts speed_kph', 'fast', "starts.speed_kph: must be a number, is 'fast'; allowed 0 to"),
-        ('stop form', 12, "stop.form: ... did you mean 'from'?; allowed from, widths, cap"),
         ('stop widths', [0.05], 'stop.widths: has 1 elements; allowed exactly 2'),
         ('confirmatory avoidance_gap margin', 5, 'margin: is 5; allowed 0 to 1'),
         ('balance kept_m', -1.0, 'balance.kept_m: is -1.0; allowed'),
         ('picture items onset_lead_m', [10.0, 40.0, 0.0], 'onset_lead_m[2]: is 0.0; allowed'),
-        ('search cost sideslip_rad', 0.1, "sideslip_rad: ... did you mean 'sideslip_deg'?"),
         ('search first points', 1.5, 'search.first.points: must be a whole number, is 1.5'),
         ('search ranges tolerances.lug_m', [1, 2], "is no parameter ... 'tolerances.lag_m'"),
         ('search ranges tolerances.lag_m', [2.0, 1.0], 'is from 2 to 1; allowed low < high'),
         ('search ranges tolerances.lag_m', [1e-9, 1.0], 'lag_m: is 1e-09; allowed'),
         ('tuned frenet without', ['tolerances.heading_rad'], 'tuned.frenet: must have ... _rad'),
         ('tuned mpcc', None, "tuned: key 'mpcc' is missing"),
-        ('tuned mpcc wihtout', [], "wihtout: ... did you mean 'without'?"),
         ('tuned mpcc without', ['tolerances.lug_m'], "no 'tolerances.lug_m'; did you mean"),
         ('tuned mpcc controller', 'mpc', "tuned.mpcc.controller: no controller 'mpc'"),
         ('tuned mpcc settings', {'formulation.headng': True}, "mean 'formulation.heading'?"),
@@ -367,11 +307,9 @@ def drives(tmp_path):
     [
         ('library --draws 1', '--out is missing'),
         ('library --family popup --out x', "did you mean 'pop_up'"),
-        ('library --family slalon --out x', "no 'slalon'; there are pop_up"),
         ('library --entries --entry slalon --out x', "no 'slalon'; there are bend"),
         ('library --entries --family slalom --out x', '--entries drives no family'),
         ('library --entry slalom --out x', '--entry: goes with --entries'),
-        ('library --draw slalom --out x', 'allowed FAMILY:INDEX'),
         ('library --draw slalom:-1 --out x', 'allowed FAMILY:INDEX'),
         ('library --family slalom --controller mpc --out x', "no controller 'mpc'"),
         ('library --family slalom --set plant.nothing=1 --out x', 'nothing'),
@@ -382,9 +320,7 @@ def drives(tmp_path):
         ('library --set plnt.friction=1 --out x', 'must be NODE.parameter=value'),
         ('demo', 'paper/picture/drive.yaml: is not here; ... runs in a clone'),
         ('study run sub', 'study.yaml: No such file or directory; it has the plan of the study'),
-        ('study decide sub', 'study.yaml: No such file or directory; it has the plan of the study'),
         ('parameters contoring', "no parameter has 'contoring'; did you mean 'contouring_m'"),
-        ('scenario strait', "did you mean 'straight'"),
         ('scenario straight --plot x.jpg', 'must end in .png, .svg or .pdf'),
         ('scenario far.yaml', 'stop.progress_m: is 9000 m, beyond the end of the path'),
         ('survivable sub', 'results.parquet: is no table of experiments library'),
@@ -397,15 +333,8 @@ def drives(tmp_path):
         ('plot drives', '--by: is given 0 times; allowed 1 or 2'),
         ('plot drives --by sped', "did you mean 'speed'"),
         ('plot drives --by speed --surface', 'allowed exactly 2 with --surface'),
-        (
-            'plot drives --by speed --by friction --surface --metric clearance_m',
-            'true or false',
-        ),
-        (
-            'plot drives --by speed --by controller --surface',
-            '--by controller: a surface needs numbers',
-        ),
-        ('tune mpcc --plan sub --out x', 'study.yaml: No such file or directory'),
+        ('plot drives --by speed --by friction --surface --metric clearance_m', 'true or false'),
+        ('plot drives --by speed --by controller --surface', '--by controller: a surface needs nu'),
         ('replay-check sub', 'sub'),
     ],
 )
@@ -420,7 +349,7 @@ def test_mistakes_in_other_commands(refused, words, expected):
         ('run straight --contoller mpcc', "did you mean '--controller'?"),
         ('resolve bag --at closst', "did you mean 'closest'?"),
         ('library --difficulty hrd', "did you mean 'hard'?"),
-        *((f'run straight --time-limit {s}', '--time-limit') for s in ('0', 'nan', 'inf', 'soon')),
+        *((f'run straight --time-limit {s}', '--time-limit') for s in ('0', 'nan', 'soon')),
         ('library --at-least 1.1', 'must be from 0 to 1, is 1.1'),
         ('library --seed -1', 'must be 0 or more, is -1'),
         ('survivable x --budget -1', 'must be 0 or more, is -1'),

