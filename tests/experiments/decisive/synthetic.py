@@ -16,7 +16,6 @@ PLAN = {
 }
 # half avoided, without latency; each 25 ms divide it by 1.1
 S50 = {'mpcc': 0.8, 'frenet': 0.667}
-S90_OVER_S50 = 9.0**-0.25
 OTHERS = {
     'mpcc_heading': 0.62,
     'frenet_matched': 0.52,

@@ -18,7 +18,6 @@ from experiments.decisive.verdicts import (
     holm_levels,
     stop_rule,
     verdict,
-    width,
 )
 
 RULES = PLAN['confirmatory']
@@ -132,17 +131,6 @@ def test_the_gap_is_the_mean_over_replicates_of_paired_differences():
     lacking = table.drop(table[(table['arm'] == 'mpcc') & (table['task'] == 3)].index)
     with pytest.raises(BagError, match='same tasks'):
         analysis.analyse(PLAN, synthetic.study(lacking))
-
-
-def test_the_limit_demand_is_that_of_the_law_and_its_ratio_has_an_interval():
-    rows = list(analysis._limits(synthetic.judged(12, 400)))
-    for group, steps in (('0 ms', 0), ('25 ms', 1), ('50 ms', 2), ('compensated', 0)):
-        for arm, limit in synthetic.S50.items():
-            value = only(rows, name=arm, group=group).estimate
-            assert value.mean == pytest.approx(synthetic.S90_OVER_S50 * limit / 1.1**steps, rel=0.1)
-        ratio = only(rows, name='mpcc / frenet', group=group).estimate
-        assert ratio.low < 1.2 < ratio.high
-        assert 0.02 < width(ratio) < 0.5
 
 
 def test_a_limit_demand_outside_the_tasks_is_not_extrapolated():

@@ -178,7 +178,6 @@ def refused(tmp_path, monkeypatch, capsys):
     ('wrong', 'text'),
     [
         ({'mode': 'realtime', 'use_sim_time': 'true'}, 'nobody publishes /clock with mode:=real'),
-        ({'scenario': 'strait'}, "no scenario 'strait'; available: .*did you mean 'straight'"),
         ({'mode': 'fast'}, '"mode" provided value "fast" is not valid.*lockstep.*realtime'),
         ({'out': '/proc/runs'}, 'out:=/proc/runs: cannot create the folder'),
         ({'controller': 'frenet'}, 'runs/straight/frenet exists already'),
