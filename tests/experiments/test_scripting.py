@@ -58,7 +58,7 @@ def test_a_drive_has_the_metrics_topics_and_signals_of_the_simulation(run):
 def test_scenarios_are_names_files_objects_or_their_content_and_give_the_same_runs(run, tmp_path):
     file = tmp_path / 'road.yaml'
     file.write_text(yaml.safe_dump(ROAD))
-    given = [file, str(file), scenario.load(str(file)), ROAD]
+    given = [file, scenario.load(str(file)), ROAD]
     runs = drive_many(given, settings=[{TOLERANCE: np.float64(0.4)}])
     assert all(numbers(other.metrics) == numbers(run.metrics) for other in runs)
     again = [*runs][-1]
@@ -101,7 +101,7 @@ def test_a_problem_is_checked_once_for_all_drives_that_solve_it(monkeypatch):
         'check',
         lambda formulation, params: (checked.append(params), check(formulation, params)),
     )
-    tolerances = [0.401 + 0.001 * k for k in range(5)]
+    tolerances = [0.401, 0.402]
     drive_many(ROAD, 'mpcc', {TOLERANCE: tolerances}, jobs=1)
     assert [params.tolerances.contouring_m for params in checked] == pytest.approx(tolerances)
 

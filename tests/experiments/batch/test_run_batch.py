@@ -1,6 +1,8 @@
 """`experiments batch` end to end: real drives of a second; interrupted and crashed ones."""
 
+import contextlib
 import json
+import resource
 import signal
 import subprocess
 import sys
@@ -24,16 +26,6 @@ TIMEOUT_S = 240.0
 LIMIT_S = 3.0  # of a drive that hangs
 # wall and processor times differ from drive to drive
 TIMES = ('wall_s', 'cpu_s', 'solve_ms.', 'solve_cpu_ms.', 'solver.time_')
-FILLING = """
-import resource, signal, sys
-from pathlib import Path
-from experiments.drive_records import DriveRecords
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
-with DriveRecords(Path(sys.argv[1])) as records:
-    for key in 'abcdefgh':
-        records.add(key, '{"ticks": 1}')
-"""
 
 
 def read_rows(folder):
@@ -210,14 +202,26 @@ def test_a_damaged_record_is_left_out(tmp_path, line):
             DriveRecords(tmp_path).__enter__()
 
 
+@contextlib.contextmanager
+def files_of_100_bytes():
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
 def test_a_file_that_cannot_grow_is_an_error_and_keeps_the_records_before(tmp_path):
     """A limit of the size of files stands for a full disk."""
-    filled = subprocess.run(
-        [sys.executable, '-c', FILLING, tmp_path], capture_output=True, text=True, timeout=240
-    )
-    assert 'drives.jsonl: no space left; the drives before this one are kept' in filled.stderr
+    message = 'drives.jsonl: no space left; the drives before this one are kept'
+    with DriveRecords(tmp_path) as records, files_of_100_bytes():
+        records.add('a', '{"ticks": 1}')
+        records.add('b', '{"ticks": 1}')
+        with pytest.raises(BagError, match=message):
+            records.add('c', '{"ticks": 1}')
     with DriveRecords(tmp_path) as records:
-        assert [key for key in 'abcdefgh' if key in records] == ['a', 'b']
+        assert [*records] == ['a', 'b']
         assert records.damaged == 1
         assert records.path.stat().st_size < 100
 

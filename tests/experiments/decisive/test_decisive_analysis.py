@@ -10,7 +10,7 @@ from scipy.stats import ttest_1samp
 from synthetic import PLAN
 
 from bags.errors import BagError
-from experiments.decisive import analysis, figures, report
+from experiments.decisive import analysis, report
 from experiments.decisive.verdicts import (
     Estimate,
     decide,
@@ -191,18 +191,3 @@ def test_the_typical_replicate_is_nearest_to_the_median_of_the_logarithms():
     # shares 0.25 0.3, 0.5 0.9, 0.75 0.48; median 0.5 0.48
     weights = report.typical(plan, tuned, 'mpcc')
     assert (weights.name, weights.to_dict()) == (3, {'a': 1000.0, 'b': 3.0})
-
-
-def test_every_figure_is_drawn_at_its_width_and_the_text_names_every_estimand(tmp_path):
-    from PIL import Image
-
-    limits = {**synthetic.S50, **synthetic.OTHERS}
-    table = synthetic.judged(3, 120, limits, starts=1)
-    results = analysis.analyse(PLAN, synthetic.study(table, synthetic.factorial({(0,): 0.2})))
-    text = analysis.to_text(results)
-    assert all(f'\n{name}\n' in text for name in results._fields[2:])
-    paths = figures.write_all(
-        results, synthetic.trials(), synthetic.marginals(), PLAN, synthetic.SPAN, tmp_path
-    )
-    assert len(paths) == 14
-    assert {Image.open(path).width for path in paths if path.suffix == '.png'} == {900}

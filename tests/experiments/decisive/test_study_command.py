@@ -7,8 +7,10 @@ import pandas as pd
 import pytest
 import synthetic
 import yaml
+from PIL import Image
 
 from experiments import cli
+from experiments.decisive import analysis
 from experiments.decisive import run as study
 from node_runtime import provenance
 
@@ -109,10 +111,12 @@ def driven(tmp_path):
         for number in (1, 2, 3)
         for arm in plan['tuned']
     ]
+    limits = {**synthetic.S50, **synthetic.OTHERS}
+    drives = synthetic.judged(3, 30, limits, starts=1)
     tables = {
         'tuned': pd.DataFrame(tuned),
         'trials': synthetic.trials(replicates=3),
-        'drives': synthetic.study(synthetic.judged(3, 30), synthetic.factorial({}, 3, 2)),
+        'drives': synthetic.study(drives, synthetic.factorial({(0,): 0.2}, 3, 2)),
     }
     tables = {
         name: table.sort_values('replicate', kind='stable', ignore_index=True)
@@ -120,7 +124,7 @@ def driven(tmp_path):
     }
     for name, table in tables.items():
         study.write(table, tmp_path, name)
-    picture = tables['drives'].query('replicate == 1 and start == 0 and not S.isna()')
+    picture = tables['drives'].query('replicate == 1 and start == 0 and arm in @synthetic.S50')
     study.write(picture.assign(avoided=False), tmp_path, 'picture')
     return tables
 
@@ -136,13 +140,17 @@ def test_tables_hold_every_row_once_however_often_a_replicate_is_added(driven, t
     assert len(study.read(tmp_path, 'tuned')) == 4 / 3 * len(driven['tuned'])
 
 
-def test_a_study_that_its_rule_ends_is_decided_by_any_code(driven, tmp_path, capsys):
+def test_a_study_that_its_rule_ends_is_decided_and_drawn_by_any_code(driven, tmp_path, capsys):
     run = ['study', 'run', str(tmp_path), '--jobs', '1']
     decide = ['study', 'decide', str(tmp_path)]
     assert cli.main(run) == 0
     assert study.kept_replicates(tmp_path) == {1, 2, 3}
     assert cli.main(decide) == 0
-    assert 'over 3 replicates' in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert 'over 3 replicates' in shown
+    assert all(f'\n{name}\n' in shown for name in analysis.Results._fields[2:])
+    widths = [Image.open(path).width for path in (tmp_path / 'figures').glob('*.png')]
+    assert widths == 7 * [900]
     # the next ones would be driven by this code
     assert cli.main([*run, '--replicates', '4']) == 1
     assert 'origin.json: sources, ' in capsys.readouterr().err

@@ -49,9 +49,7 @@ def ask(golden, posed):
     return ask
 
 
-@pytest.mark.parametrize(
-    ('name', 'tick'), [('mpcc', 0), ('mpcc', BUSY), ('mpcc_no_ca', BUSY), ('frenet', 110)]
-)
+@pytest.mark.parametrize(('name', 'tick'), [('mpcc', 0), ('mpcc', BUSY), ('frenet', 110)])
 def test_solved_again_a_tick_gives_its_command_and_its_cost(ask, name, tick):
     answer = ask(name, tick)
     assert answer.is_same

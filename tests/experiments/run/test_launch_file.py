@@ -83,14 +83,18 @@ def running_nodes(folder):
     return left_over(folder, '--ros-args')
 
 
-def wait_until_driving(launch, folder):
-    """Wait for what the plant prints."""
+@pytest.fixture
+def driving(tmp_path, shell, launched):
+    """Return a launch whose plant has printed something and would never end."""
+    shell(PLANT, f'trap "exit 0" INT\n{AWAIT_RECORDER}echo driving\n{WAIT}')
+    launch = launched()
 
     def is_driving():
-        assert launch.poll() is None, output(folder)
-        return 'driving' in output(folder)
+        assert launch.poll() is None, output(tmp_path)
+        return 'driving' in output(tmp_path)
 
     wait_until(is_driving, PATIENCE_S, 'the plant was not started')
+    return launch
 
 
 @pytest.mark.timeout(600)
@@ -132,23 +136,17 @@ def test_a_node_that_ends_badly_or_before_the_plant_is_an_error(
         assert (tmp_path / 'runs/straight/mpcc/metadata.yaml').is_file()
 
 
-def test_an_interrupt_is_an_error_and_closes_the_bag(tmp_path, shell, launched):
-    shell(PLANT, f'trap "exit 0" INT\n{AWAIT_RECORDER}echo driving\n{WAIT}')
-    launch = launched()
-    wait_until_driving(launch, tmp_path)
-    os.killpg(launch.pid, signal.SIGINT)
-    assert launch.wait(PATIENCE_S) == 1
+def test_an_interrupt_is_an_error_and_closes_the_bag(tmp_path, driving):
+    os.killpg(driving.pid, signal.SIGINT)
+    assert driving.wait(PATIENCE_S) == 1
     assert 'the drive was interrupted' in output(tmp_path)
     assert (tmp_path / 'runs/straight/mpcc/metadata.yaml').is_file()
     assert running_nodes(tmp_path) == {}
 
 
-def test_no_node_goes_on_without_the_launch(tmp_path, shell, launched):
+def test_no_node_goes_on_without_the_launch(tmp_path, driving):
     """Launch passes on SIGINT only: cars would be driven on by nodes that nobody watches."""
-    shell(PLANT, f'trap "exit 0" INT\n{AWAIT_RECORDER}echo driving\n{WAIT}')
-    launch = launched()
-    wait_until_driving(launch, tmp_path)
-    launch.kill()
+    driving.kill()
     wait_until(lambda: not running_nodes(tmp_path), PATIENCE_S, 'a node goes on')
     assert (tmp_path / 'runs/straight/mpcc/metadata.yaml').is_file()
 
