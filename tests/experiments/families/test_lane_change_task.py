@@ -17,7 +17,7 @@ WIDE = 1e3
 AREA = Area(60.0, 0.5, 2.0, on_left=True)
 
 
-@pytest.mark.parametrize('index', range(4))
+@pytest.mark.parametrize('index', range(2))
 def test_the_speed_of_a_task_takes_the_share_s_of_what_the_plant_holds(index):
     task = draw(NAME, SEED, index)
     setup = drive_row.prepare(Row(f'{NAME}:{index}', 'mpcc', seed=SEED), any_car=True)
@@ -62,8 +62,7 @@ def road(length, low=-WIDE):
     return x, np.full(len(x), low), np.full(len(x), WIDE)
 
 
-@pytest.mark.parametrize('offset', [0.5, 2.0])
-@pytest.mark.parametrize('length', [30.0, 60.0])
+@pytest.mark.parametrize(('offset', 'length'), [(0.5, 30.0), (2.0, 60.0)])
 def test_an_offset_with_any_heading_at_its_end_takes_a_constant_curvature(length, offset):
     """y = k L^2 / 2."""
     x, low, high = road(length)

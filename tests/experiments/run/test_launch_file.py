@@ -26,41 +26,31 @@ from msgs_yaml import share
 PLANT = 'vehicle_plant/plant_node'
 NO_DOMAIN = 0  # of shell programs, which talk to nobody
 PATIENCE_S = 240.0  # for what takes seconds on an idle machine
+LAUNCH_FILE = share.path('experiments', 'launch', 'closed_loop.launch.py')
 RUNNER = Path(__file__).with_name('run_launch_file.py')
 
 
 @pytest.fixture
-def launched(tmp_path):
-    """Return launched(number, name=value, ...): the started launch, killed when the test ends.
+def launched(tmp_path, popen):
+    """Return launched(number, name=value, ...): the started launch.
 
     The number is that of a ROS domain; it has no effect where shell programs stand for the nodes.
     """
-    started = []
     logs = tmp_path / 'log'
     logs.mkdir()
 
     def start(number=NO_DOMAIN, **arguments):
         given = {'scenario': 'straight', 'out': tmp_path / 'runs', **arguments}
-        file = share.path('experiments', 'launch', 'closed_loop.launch.py')
-        process = subprocess.Popen(
-            [sys.executable, RUNNER, file, *(f'{name}:={value}' for name, value in given.items())],
-            env={
-                'AMENT_PREFIX_PATH': sys.prefix,
-                **os.environ,
-                'ROS_DOMAIN_ID': str(number),
-                'ROS_LOG_DIR': str(logs),
-            },
+        words = [f'{name}:={value}' for name, value in given.items()]
+        own = {'ROS_DOMAIN_ID': str(number), 'ROS_LOG_DIR': str(logs)}
+        return popen(
+            *(sys.executable, RUNNER, LAUNCH_FILE, *words),
+            env={'AMENT_PREFIX_PATH': sys.prefix, **os.environ, **own},
             stdout=(tmp_path / 'output').open('wb'),
             stderr=subprocess.STDOUT,
-            start_new_session=True,
         )
-        started.append(process)
-        return process
 
     yield start
-    for process in started:
-        process.kill()
-        process.wait()
     for pid in running_nodes(tmp_path):
         os.kill(pid, signal.SIGKILL)
 
@@ -158,11 +148,10 @@ def refused(tmp_path, monkeypatch, capsys):
     for name in (*processes.DEFAULT_ENVIRONMENT, *processes.FIXED_ENVIRONMENT):
         monkeypatch.setenv(name, os.environ.get(name, ''))
     before = dict(sys.modules)
-    file = share.path('experiments', 'launch', 'closed_loop.launch.py')
 
     def launch(**arguments):
         given = {'scenario': 'straight', 'out': str(tmp_path / 'runs'), **arguments}
-        assert launch_stand_in.run(file, given) == 1
+        assert launch_stand_in.run(LAUNCH_FILE, given) == 1
         return ''.join(capsys.readouterr())
 
     yield launch
