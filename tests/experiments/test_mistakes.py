@@ -191,7 +191,7 @@ def draw_of(name, distribution, **more):
         ({'scenarios': ['./road.yaml', './other.yaml']}, "other.yaml have one name, 'road'"),
         ({'controllers': ['mpc']}, "controllers: no controller 'mpc'; there are"),
         ({'controllers': ['./no.yaml']}, 'controllers: no controller ... no.yaml ... no such file'),
-        ({'controllers': ['./bad.yaml']}, 'controllers: ... bad.yaml ... safety.obstacle_m ...'),
+        ({'controllers': ['./bad.yaml']}, 'controllers: ... bad.yaml ... safety.obstacle_m'),
         ({'controllers': ['./steer.py']}, 'only `experiments run` drives it'),
         ({'runs': 0}, 'runs: ... allowed 1 to 10000'),
         ({'set': {'friction': [1.0]}}, 'set.friction: ... allowed plant.*, controller.*, '),
