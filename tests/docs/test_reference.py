@@ -15,7 +15,7 @@ from reference_pages.scenario_page import blocks
 
 import bags.cli
 import experiments.cli
-from bags.evaluation import metrics
+from bags.evaluation import metrics  # noqa: F401 - fills METRICS
 from bags.evaluation.metrics.registry import METRICS
 from experiments.run import launch_arguments
 from msgs_yaml import contract, share, strict_yaml
@@ -64,12 +64,13 @@ def test_pages_of_parameters_tell_what_may_change_and_what_a_file_changes():
     assert '`model.horizon`' not in changes
 
 
-def test_every_topic_field_and_metric_is_on_its_page():
+def test_every_topic_field_metric_and_launch_argument_is_on_its_page():
     for topic in contract.load().topics.values():
         body = section('topics', f'`{topic.name}`')
         assert {*topic.fields} <= {*CELL.findall(body)}
-    assert metrics
     assert CELL.findall(pages()['metrics']) == [*METRICS]
+    names = [argument.name for argument in launch_arguments.ARGUMENTS]
+    assert CELL.findall(pages()['launch_arguments']) == names
 
 
 def test_a_table_leaves_out_empty_columns_and_escapes_bars():
@@ -101,11 +102,6 @@ def test_exit_codes_are_those_of_the_source():
     assert '| 78 | a wrong parameter' in page
     assert '| 130 | SIGINT' in page
     assert re.search(r'\| `experiments run` \| 1 \| ', page)
-
-
-def test_every_argument_of_the_launch_file_is_on_its_page():
-    names = [argument.name for argument in launch_arguments.ARGUMENTS]
-    assert CELL.findall(pages()['launch_arguments']) == names
 
 
 def test_every_module_but_those_of_commands_has_a_place():
@@ -144,20 +140,22 @@ def test_a_docstring_on_the_site_is_what_its_author_sees(text, rest):
     assert '\n'.join(plain_docstrings.to_rest(text.splitlines())) == rest
 
 
+A_CAR = """
+from dataclasses import dataclass
+from typing import Annotated
+from node_runtime.parameters import Range
+@dataclass
+class Car:
+    mass: Annotated[float, Range(1.0, 9.0, 'kg')] | None  # with driver
+    # behind the
+    # front axle
+    cog: float
+    _hidden: int = 0
+"""
+
+
 def test_fields_have_type_range_and_comment(tmp_path, monkeypatch):
-    source = (
-        'from dataclasses import dataclass\n'
-        'from typing import Annotated\n'
-        'from node_runtime.parameters import Range\n'
-        '@dataclass\n'
-        'class Car:\n'
-        "    mass: Annotated[float, Range(1.0, 9.0, 'kg')] | None  # with driver\n"
-        '    # behind the\n'
-        '    # front axle\n'
-        '    cog: float\n'
-        '    _hidden: int = 0\n'
-    )
-    (tmp_path / 'a_car.py').write_text(source)
+    (tmp_path / 'a_car.py').write_text(A_CAR)
     monkeypatch.syspath_prepend(tmp_path)
     import a_car
 

@@ -119,10 +119,3 @@ def test_given_settings_win_over_those_of_a_hard_draw():
     wanted = one.settings['controller']['measurement_errors.left_bias_m']
     assert setup.params.measurement_errors.left_bias_m == wanted != 0.0
     assert setup.friction == scenario.parse(one.text, 'a.yaml').friction
-
-
-def test_speed_and_friction_of_the_scenario_may_be_set():
-    settings = (('scenario.speed_mps', 19.0), ('scenario.friction', 0.7))
-    setup = drive_row.prepare(Row('double_lane_change', 'mpcc', settings))
-    assert setup.scn.start.speed == pytest.approx(19.0)
-    assert setup.friction == setup.params.model.friction == 0.7

@@ -13,6 +13,7 @@ from experiments import library as emergencies
 from experiments.commands import library
 from experiments.families import draw, feasibility
 from scenario_publisher import scenario
+from scenario_publisher.expectations import Expectation, Expectations
 
 DOCS = Path(__file__).parents[2] / 'docs'
 QUICK = ('pop_up_late', 'oncoming_car')
@@ -130,3 +131,25 @@ def test_sizes_of_the_car_in_the_closed_forms_are_those_of_the_plant():
     # rounded up: a draw that is possible for a larger car is for this one
     assert 0.0 <= feasibility.CAR_WIDTH - car.outline.width_m < 0.02
     assert 0.0 <= feasibility.CAR_NOSE - nose < 0.2
+
+
+METRICS = {
+    'survived': True,
+    'min_v2o_per_obstacle_m': {'1': 0.4, '2': None},
+    'peak_sideslip_deg': 12.0,
+}
+
+
+@pytest.mark.parametrize(
+    ('expectation', 'measured', 'is_met'),
+    [
+        (Expectation('survived', value=True), True, True),
+        (Expectation('min_v2o_per_obstacle_m.1', at_least=0.5), 0.4, False),
+        (Expectation('min_v2o_per_obstacle_m.2', at_least=0.5), None, False),
+        (Expectation('min_v2o_per_obstacle_m.3', at_least=0.5), None, False),
+        (Expectation('peak_sideslip_deg', at_most=12.0), 12.0, True),
+    ],
+)
+def test_measured_values_are_found_by_their_dotted_names(expectation, measured, is_met):
+    (outcome,) = pass_criteria.judge(Expectations([expectation]), METRICS)
+    assert (outcome.measured, outcome.is_met) == (measured, is_met)

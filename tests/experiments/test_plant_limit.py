@@ -19,7 +19,7 @@ def setup():
     return simulation.prepare('double_lane_change', 'mpcc', weights)
 
 
-@pytest.mark.parametrize('friction', [1.0, 0.96, 0.55, 0.06])
+@pytest.mark.parametrize('friction', [0.96, 0.06])
 def test_between_the_frictions_of_the_grid_the_limit_is_that_of_the_circle(setup, friction):
     driven = plant_limit.lateral_limit(setup.plant, friction)
     assert plant_limit.held_lateral_limit(setup.plant, friction) == pytest.approx(driven, rel=5e-3)
@@ -56,11 +56,10 @@ def test_a_car_that_cannot_drive_the_circle_has_no_limit(setup):
     assert plant_limit.held_lateral_limit(plant, 1.0) is None
 
 
-@pytest.mark.parametrize('friction', [1.0, 0.7])
-def test_peaks_of_a_lane_change_reach_what_a_steady_turn_holds(setup, friction):
-    model = dataclasses.replace(setup.params.model, friction=friction)
+def test_peaks_of_a_lane_change_reach_what_a_steady_turn_holds(setup):
+    model = dataclasses.replace(setup.params.model, friction=0.7)
     params = dataclasses.replace(setup.params, model=model)
-    drive = simulation.drive(setup._replace(friction=friction, params=params))
+    drive = simulation.drive(setup._replace(friction=0.7, params=params))
     assert 0.9 < compute_metrics(drive)['lateral_limit_use_plant'] < 1.05
 
 

@@ -49,24 +49,20 @@ def test_the_command_prints_and_draws(tmp_path, capsys, name):
     assert np.sum(np.abs(pixels - (0x00, 0x72, 0xB2)).max(axis=1) < 12) > 500
 
 
-def test_warnings_are_shown(tmp_path, capsys):
-    text = scenario.load('straight').text
-    short = tmp_path / 'short.yaml'
-    short.write_text(text.replace('progress_m: 60.0', 'progress_m: 99.0'))
-    assert short.read_text() != text
-    assert cli.main(['scenario', str(short)]) == 0
-    out = capsys.readouterr().out
-    assert '  warn  the path goes on for the horizon behind the finish line\n' in out
-    assert 'warning: the path ends' in out
+WARNED = ('warn  the path goes on for the horizon behind the finish line', 'warning: the path ends')
+REFUSED = (
+    'pass  every obstacle is on the road at some time of the run\n',
+    f'FAIL  {scenario.FINISH}\n',
+    f'-     {scenario.PATCHES} (not reached)\n',
+    'stop.progress_m: is 9000 m, beyond the end of the path',
+)
 
 
-def test_of_a_refused_scenario_is_shown_which_check_failed(tmp_path, capsys):
+@pytest.mark.parametrize(('finish_m', 'code', 'said'), [(99.0, 0, WARNED), (9000.0, 1, REFUSED)])
+def test_which_check_warned_or_failed_is_shown(tmp_path, capsys, finish_m, code, said):
+    file = tmp_path / 'own.yaml'
     text = scenario.load('straight').text
-    beyond = tmp_path / 'beyond.yaml'
-    beyond.write_text(text.replace('progress_m: 60.0', 'progress_m: 9000.0'))
-    assert cli.main(['scenario', str(beyond)]) == 1
-    out, error = capsys.readouterr()
-    assert '  pass  every obstacle is on the road at some time of the run\n' in out
-    assert f'  FAIL  {scenario.FINISH}\n' in out
-    assert f'  -     {scenario.PATCHES} (not reached)\n' in out
-    assert 'stop.progress_m: is 9000 m, beyond the end of the path' in error
+    file.write_text(text.replace('progress_m: 60.0', f'progress_m: {finish_m}'))
+    assert cli.main(['scenario', str(file)]) == code
+    shown = ''.join(capsys.readouterr())
+    assert [part for part in said if part not in shown] == []

@@ -58,7 +58,7 @@ def test_a_drive_has_the_metrics_topics_and_signals_of_the_simulation(run):
 def test_scenarios_are_names_files_objects_or_their_content_and_give_the_same_runs(run, tmp_path):
     file = tmp_path / 'road.yaml'
     file.write_text(yaml.safe_dump(ROAD))
-    given = [file, str(file), scenario.load(str(file)), ROAD]
+    given = [file, scenario.load(str(file)), ROAD]
     runs = drive_many(given, settings=[{TOLERANCE: np.float64(0.4)}])
     assert all(numbers(other.metrics) == numbers(run.metrics) for other in runs)
     again = [*runs][-1]
@@ -101,7 +101,7 @@ def test_a_problem_is_checked_once_for_all_drives_that_solve_it(monkeypatch):
         'check',
         lambda formulation, params: (checked.append(params), check(formulation, params)),
     )
-    tolerances = [0.401 + 0.001 * k for k in range(5)]
+    tolerances = [0.401, 0.402]
     drive_many(ROAD, 'mpcc', {TOLERANCE: tolerances}, jobs=1)
     assert [params.tolerances.contouring_m for params in checked] == pytest.approx(tolerances)
 
@@ -118,22 +118,20 @@ def test_processes_give_the_same_runs_and_need_no_main_guard(tmp_path):
 @pytest.mark.parametrize(
     ('given', 'message'),
     [
-        ({'scenario': 'double_lane_chang'}, "no scenario 'double_lane_chang'"),
         ({'scenario': 'no/such.yaml'}, 'no/such.yaml'),
         ({'scenario': {'schema': 1}}, 'the given scenario'),
         ({'scenario': 3}, 'scenario: is 3; allowed a name'),
-        ({'controller': 'mpc'}, "no controller 'mpc'"),
         ({'plant': 'vw_gtx'}, 'no file config/vw_gtx; it has bmw_320i'),
         ({'settings': ['x']}, 'must be a mapping'),
         ({'settings': {'tolerances.contouring_m': 1.0}}, f"did you mean '{TOLERANCE}'"),
-        ({'settings': {f'{TOLERANCE}m': 1.0}}, "did you mean 'tolerances.contouring_m'"),
         ({'settings': {TOLERANCE: -1.0}}, f"settings['{TOLERANCE}']: tolerances.contouring_m: is "),
         ({'settings': {'scenario.speed': 20.0}}, f"did you mean '{SPEED}'"),
         ({'settings': {SPEED: 'fast'}}, "settings['scenario.speed_mps']: must be a number"),
-        ({'settings': {SPEED: 1000.0}}, '1 to 100 m/s'),
-        ({'settings': {SPEED: float('nan')}}, 'must be finite'),
         ({'settings': {'plant.mode': 'realtime'}}, 'has no effect in process'),
         ({'settings': {'recorder.out': '/tmp'}}, "unknown name 'recorder.out'"),
+        ({'sensors': 'nautical'}, 'sensors_automotive.yaml'),
+        ({'settings': {'estimator.method': 'raw'}}, 'has no effect without plant.sensors'),
+        ({'settings': {'estimator.method': 'best'}, 'sensors': 'survey'}, 'allowed filter or kin'),
     ],
 )
 def test_a_mistake_is_named_with_what_is_allowed(given, message):
@@ -172,28 +170,27 @@ def test_names_of_the_package():
         experiments.drives  # noqa: B018
 
 
-def test_sensors_of_a_car_are_recorded_and_repeatable(run):
-    measured = drive(ROAD, sensors='automotive')
-    again = drive(ROAD, settings={'plant.sensors': 'sensors_automotive.yaml'})
-    other = drive(ROAD, settings={'plant.sensors_seed': 5}, sensors='automotive')
+@pytest.fixture(scope='module')
+def felt():
+    """Return the drive of a car with sensors."""
+    return drive(ROAD, settings={TOLERANCE: 0.4}, sensors='automotive')
+
+
+def test_sensors_of_a_car_are_recorded_and_repeatable(run, felt):
+    named = {TOLERANCE: 0.4, 'plant.sensors': 'sensors_automotive.yaml'}
+    again, other = (drive(ROAD, settings=named | more) for more in ({}, {'plant.sensors_seed': 5}))
     for topic in ('/sensors/inertial', '/sensors/chassis', '/sensors/gnss'):
-        assert measured.frame(topic).equals(again.frame(topic))
-        assert not measured.frame(topic).equals(other.frame(topic))
+        assert felt.frame(topic).equals(again.frame(topic))
+        assert not felt.frame(topic).equals(other.frame(topic))
         assert topic not in run.topics
-    with pytest.raises(BagError, match=r'sensors: .*sensors_automotive.yaml'):
-        drive(ROAD, sensors='nautical')
 
 
-def test_the_controller_of_a_car_with_sensors_is_fed_what_the_estimator_believes():
-    true, felt = drive(ROAD), drive(ROAD, sensors='automotive')
-    again = drive(ROAD, settings={'estimator.method': 'raw'}, sensors='automotive')
+def test_the_controller_of_a_car_with_sensors_is_fed_what_the_estimator_believes(run, felt):
+    settings = {TOLERANCE: 0.4, 'estimator.method': 'raw'}
+    raw = drive(ROAD, settings=settings, sensors='automotive')
     believed = felt.frame('/estimator/odometry')
     actual = felt.frame('/vehicle/odometry').loc[believed.index]
     assert 0 < (believed.vx_mps - actual.vx_mps).abs().max() < 0.2
-    commands = [one.frame('/controller/command').steer_rad for one in (true, felt, again)]
+    commands = [one.frame('/controller/command').steer_rad for one in (run, felt, raw)]
     assert not commands[0].equals(commands[1])
     assert not commands[1].equals(commands[2])
-    with pytest.raises(BagError, match=r'estimator.method has no effect without plant.sensors'):
-        drive(ROAD, settings={'estimator.method': 'raw'})
-    with pytest.raises(BagError, match=r"method: is 'best'; allowed filter or kinematic or raw"):
-        drive(ROAD, settings={'estimator.method': 'best'}, sensors='survey')

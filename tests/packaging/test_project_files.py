@@ -33,13 +33,6 @@ def test_the_declaration_has_the_public_api_of_every_package():
     assert re.findall(r'^\| `(\w+)` \| .+ \| .+ \|$', text, re.M) == [*PACKAGES]
 
 
-def test_the_citation_has_what_a_reference_needs():
-    citation = yaml.safe_load((ROOT / 'CITATION.cff').read_text())
-    assert {'cff-version', 'message', 'title', 'authors', 'version', 'license'} <= set(citation)
-    assert citation['cff-version'] == '1.2.0'
-    assert all('name' in author or 'family-names' in author for author in citation['authors'])
-
-
 @pytest.mark.parametrize('path', TEMPLATES, ids=lambda path: path.stem)
 def test_a_form_for_issues_asks_for_something(path):
     form = yaml.safe_load(path.read_text())

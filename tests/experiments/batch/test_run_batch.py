@@ -1,6 +1,8 @@
 """`experiments batch` end to end: real drives of a second; interrupted and crashed ones."""
 
+import contextlib
 import json
+import resource
 import signal
 import subprocess
 import sys
@@ -24,16 +26,6 @@ TIMEOUT_S = 240.0
 LIMIT_S = 3.0  # of a drive that hangs
 # wall and processor times differ from drive to drive
 TIMES = ('wall_s', 'cpu_s', 'solve_ms.', 'solve_cpu_ms.', 'solver.time_')
-FILLING = """
-import resource, signal, sys
-from pathlib import Path
-from experiments.drive_records import DriveRecords
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
-with DriveRecords(Path(sys.argv[1])) as records:
-    for key in 'abcdefgh':
-        records.add(key, '{"ticks": 1}')
-"""
 
 
 def read_rows(folder):
@@ -69,22 +61,23 @@ def interrupt(study, folder, number, after):
     return batch.returncode, output
 
 
+@pytest.mark.usefixtures('tasks_here')  # of what goes on, not of what is interrupted
 def test_an_interrupted_batch_goes_on_to_the_same_table(write_study, tmp_path, capsys):
-    study, whole, torn = write_study(runs=6), tmp_path / 'whole', tmp_path / 'torn'
+    study, whole, torn = write_study(runs=4), tmp_path / 'whole', tmp_path / 'torn'
     code, output = interrupt(study, torn, signal.SIGINT, after=1)
     assert code == 130
     part = read_rows(torn)
-    assert 1 <= len(part) < 12
-    assert f'{len(part)} of 12 drives are kept; the same command goes on' in output
+    assert 1 <= len(part) < 8
+    assert f'{len(part)} of 8 drives are kept; the same command goes on' in output
     code, _ = interrupt(study, torn, signal.SIGKILL, after=len(part) + 1)
     assert code == -signal.SIGKILL
     kept = records(torn)
-    assert kept < 12
+    assert kept < 8
     assert cli.main(['batch', str(study), '--out', str(torn), '--jobs', '1']) == 0
-    assert f'12 drives: {kept} were kept, 0 failed' in capsys.readouterr().out
-    assert cli.main(['batch', str(study), '--out', str(whole), '--jobs', '2']) == 0
+    assert f'8 drives: {kept} were kept, 0 failed' in capsys.readouterr().out
+    assert cli.main(['batch', str(study), '--out', str(whole), '--jobs', '1']) == 0
     rows = read_rows(whole)
-    assert len(rows) == 12
+    assert len(rows) == 8
     assert read_rows(torn) == rows
     assert all(row in rows for row in part)
 
@@ -149,51 +142,43 @@ def test_draws_and_families_have_a_row_each_and_columns_of_what_is_drawn(write_s
     assert all(row['survived'] is not None for row in more)
 
 
-def test_a_drive_that_crashes_or_raises_costs_its_row_and_is_tried_again(write_study, tmp_path):
-    faults = [faulty_drives.CRASHES, faulty_drives.ENDS, faulty_drives.RAISES]
+def test_a_drive_that_crashes_or_raises_costs_its_row_and_is_tried_again(
+    write_study, tmp_path, request
+):
+    faults = [faulty_drives.CRASHES, faulty_drives.RAISES]
     study = write_study(set={'plant.friction': [*faults, 0.9]}, runs=1)
     assert run(study, tmp_path, drive=faulty_drives.drive_or_fail) == 1
     rows = read_rows(tmp_path)
     assert [row['error'] for row in rows] == [
         'its process was ended by SIGSEGV',
-        'its process ended with exit code 7',
         'ZeroDivisionError: nothing to divide by',
         '',
     ]
-    assert [row['completed'] for row in rows] == [None, None, None, True]
+    assert [row['completed'] for row in rows] == [None, None, True]
     assert records(tmp_path) == 1
     # they are tried again
+    request.getfixturevalue('tasks_here')
     assert run(study, tmp_path) == 0
-    assert [row['completed'] for row in read_rows(tmp_path)] == [True] * 4
+    assert [row['completed'] for row in read_rows(tmp_path)] == [True] * 3
 
 
 @pytest.mark.usefixtures('tasks_here')
-def test_drives_with_one_key_are_simulated_once(write_study, tmp_path):
-    study = write_study(set={'controller.safety.obstacle_m': [0.5, 0.5]}, runs=1)
-    assert run(study, tmp_path) == 0
-    assert records(tmp_path) == 1
-    first, second = read_rows(tmp_path)
-    assert first == second
-
-
-@pytest.mark.usefixtures('tasks_here')
-def test_a_plant_that_the_controller_does_not_know_is_driven_with_one_warning(
+def test_a_plant_that_the_controller_does_not_know_is_driven_once_with_one_warning(
     write_study, tmp_path, capsys
 ):
-    cars = {
-        'plant.plant_params': ['bmw_545i.yaml', 'bmw_330i.yaml'],
-        'plant.car.body.mass_kg': [1850.0, 2400.0],
-    }
-    study = write_study(set=cars, runs=1)
+    cars = ['bmw_545i.yaml', 'bmw_330i.yaml', 'bmw_330i.yaml']
+    study = write_study(set={'plant.plant_params': cars}, runs=1)
     assert cli.main(['batch', str(study), '--out', str(tmp_path / 'cars'), '--jobs', '1']) == 0
     printed = ' '.join(''.join(capsys.readouterr()).split())
     assert printed.count('warning: plant.plant_params=bmw_330i.yaml is driven although') == 1
     assert 'car_file car.yaml of mpcc_no_ca does not fit it: mass ' in printed
     assert 'bmw_545i.yaml is driven' not in printed
-    assert len(read_rows(tmp_path / 'cars')) == 4
+    assert records(tmp_path / 'cars') == 2
+    first, second, again = read_rows(tmp_path / 'cars')
+    assert first != second == again
 
 
-@pytest.mark.parametrize('kept', range(1, 20, 6))
+@pytest.mark.parametrize('kept', [1, 19])
 def test_a_torn_last_record_is_left_out_and_costs_no_other(tmp_path, kept):
     with DriveRecords(tmp_path) as records:
         records.add('a', '{"ticks": 1}')
@@ -221,22 +206,32 @@ def test_a_damaged_record_is_left_out(tmp_path, line):
             DriveRecords(tmp_path).__enter__()
 
 
+@contextlib.contextmanager
+def files_of_100_bytes():
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
 def test_a_file_that_cannot_grow_is_an_error_and_keeps_the_records_before(tmp_path):
     """A limit of the size of files stands for a full disk."""
-    filled = subprocess.run(
-        [sys.executable, '-c', FILLING, tmp_path], capture_output=True, text=True, timeout=240
-    )
-    assert 'drives.jsonl: no space left; the drives before this one are kept' in filled.stderr
+    message = 'drives.jsonl: no space left; the drives before this one are kept'
+    with DriveRecords(tmp_path) as records, files_of_100_bytes():
+        records.add('a', '{"ticks": 1}')
+        records.add('b', '{"ticks": 1}')
+        with pytest.raises(BagError, match=message):
+            records.add('c', '{"ticks": 1}')
     with DriveRecords(tmp_path) as records:
-        assert [key for key in 'abcdefgh' if key in records] == ['a', 'b']
+        assert [*records] == ['a', 'b']
         assert records.damaged == 1
         assert records.path.stat().st_size < 100
 
 
-def test_a_drive_that_hangs_costs_its_row_and_is_tried_again(write_study, tmp_path):
+def test_a_drive_that_hangs_costs_its_row(write_study, tmp_path):
     # alone: what a drive that does not hang may take depends on what else the machine does
     study = write_study(set={'plant.friction': [faulty_drives.HANGS]}, runs=1)
     assert run(study, tmp_path, LIMIT_S, drive=faulty_drives.drive_or_fail) == 1
     assert [row['error'] for row in read_rows(tmp_path)] == ['its process was ended after 3 s']
-    assert run(study, tmp_path) == 0
-    assert [row['completed'] for row in read_rows(tmp_path)] == [True]

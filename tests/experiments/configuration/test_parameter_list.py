@@ -55,3 +55,10 @@ def test_words_are_searched_in_names_and_meanings_and_a_full_name_is_shown_alone
     text = capsys.readouterr().out
     assert 'controller.safety.edge_m = 0.5  [0.01 to 10 m]' in text
     assert 'between a circle of the car and an edge' in text
+
+
+def test_what_every_node_takes_is_described_in_words(capsys):
+    assert cli.main(['parameters', 'mode']) == 0
+    text = capsys.readouterr().out
+    assert 'NODE.mode = lockstep' in text
+    assert 'typing' not in text

@@ -47,6 +47,8 @@ def driven(start, desired):
     }
 
 
+FRONT_SHARE = 'controller.model.drive_front_share'
+SLOWER = {'stations_m': [0.0, 30.0, 50.0], 'speeds_mps': [15.0, 6.0, 5.5]}
 LATE = {'stations_m': [0.0, 150.0, 160.0, 170.0], 'speeds_mps': [12.0, 12.0, 60.0, 60.0]}
 
 
@@ -58,19 +60,12 @@ LATE = {'stations_m': [0.0, 150.0, 160.0, 170.0], 'speeds_mps': [12.0, 12.0, 60.
         (driven(15.0, 7.6), (), ()),
         (driven(6.5, 15.0), ('controller.limits.least_speed_mps=6.0',), ()),
         (driven(5.0, 15.0), ('plant.start.speed_mps=15.0',), ()),
-        (driven(10.0, 12.0), (), ()),
         (driven(10.0, LATE) | {'stop': {'progress_m': 100.0, 'time_s': 20.0}}, (), ()),
         (driven(7.0, 15.0), (), ('starts at 7 m/s (start.speed_mps), at or just above', LEAST)),
         (driven(15.0, 7.0), (), ('asks for 7 m/s (speed.constant_mps), at or just above', LEAST)),
-        (driven(15.0, 7.4), (), ('asks for 7.4 m/s', 'so the car may stop where it is so')),
         (driven(5.0, 15.0), (), ('starts at 5 m/s (start.speed_mps), below', 'not pull away')),
         ({}, ('plant.start.speed_mps=5.0',), ('5 m/s (plant.start.speed_mps), below',)),
-        ({'speed': {'constant_mps': 6.5}}, (), ('asks for 6.5 m/s (speed.constant_mps), below',)),
-        (
-            driven(15.0, {'stations_m': [0.0, 30.0, 50.0], 'speeds_mps': [15.0, 6.0, 5.5]}),
-            (),
-            ('asks for 5.5 m/s (speed.speeds_mps[2] and 1 more)', 'the car stops where it is so'),
-        ),
+        (driven(15.0, SLOWER), (), ('5.5 m/s (speed.speeds_mps[2] and 1 more)', 'the car stops')),
         (
             driven(6.5, 15.0),
             ('controller.limits.least_speed_mps=4.0',),
@@ -79,28 +74,12 @@ LATE = {'stations_m': [0.0, 150.0, 160.0, 170.0], 'speeds_mps': [12.0, 12.0, 60.
         (
             driven(10.0, 60.0),
             (),
-            (
-                'up to 60 m/s (speed.constant_mps): from 10 m/s the car comes to 22 m/s at most',
-                'with 6000 N of drive',
-            ),
+            ('from 10 m/s the car comes to 22 m/s at most', '6000 N of drive'),
         ),
-        (
-            {'name': 'circle_20m'},
-            (),
-            ('the name of a scenario that comes with the package, circle_20m', 'the file is used'),
-        ),
-        (
-            {},
-            (GTI,),
-            ('0% of the drive is at the front axle (car_file car.yaml)', 'the plant has 100% ther'),
-        ),
-        ({}, (GTI, 'controller.model.drive_front_share=1.0'), ()),
-        (
-            {},
-            (GTI, 'controller.model.drive_front_share=0.5'),
-            ('50% of the drive is at the front axle (model.drive_front_share)',),
-        ),
-        ({}, ('controller.limits.steer_rate_radps=0.8',), ()),
+        ({'name': 'circle_20m'}, (), ('that comes with the package, circle_20m',)),
+        ({}, (GTI,), ('0% of the drive is at the front axle (car_file car.yaml)', '100% there')),
+        ({}, (GTI, f'{FRONT_SHARE}=1.0'), ()),
+        ({}, (GTI, f'{FRONT_SHARE}=0.5'), ('50% of the drive is at the front axle (model.drive_',)),
     ],
     ids=str,
 )
@@ -136,20 +115,15 @@ NOSE_HEAVY = {'cog_to_front_m': 1.34, 'cog_to_rear_m': 1.55}
     [
         ({}, (), ()),
         ({}, (f'plant.car.body.mass_kg={1850.0 * 1.2}',), ()),
-        ({'mass_kg': 1770.0}, (), ()),
-        ({}, (*FRONT, 'controller.model.drive_front_share=0.0'), ()),
+        ({}, (*FRONT, f'{FRONT_SHARE}=0.0'), ()),
         ({}, FRONT, ('0% of the drive at the front axle, the plant has 100%',)),
-        ({}, ('plant.car.body.mass_kg=1500.0',), ('mass', 'allowed within 20%')),
         (LIGHTER, (), ('mass 1850 kg, the plant has 1750 kg', 'identify --car', '--any-car')),
         # another parameter of the car that is set by its name does not loosen the check
         (LIGHTER, (THIN_AIR,), ('mass 1850 kg, the plant has 1750 kg',)),
         (
             NOSE_HEAVY,
             (),
-            (
-                'load of the front axle 934.6 kg, the plant has 992.2 kg',
-                'load of the rear axle 915.4 kg, the plant has 857.8 kg',
-            ),
+            ('front axle 934.6 kg, the plant has 992.2 kg', 'rear axle 915.4 kg, the'),
         ),
         ({'cog_to_rear_m': 2.0}, (), ('wheelbase 2.89 m, the plant has',)),
     ],

@@ -3,8 +3,6 @@
 import numpy as np
 import pandas as pd
 
-from experiments.decisive.picture import Marginal
-
 SPAN = (0.2, 0.9)
 PLAN = {
     'confirmatory': {
@@ -16,7 +14,6 @@ PLAN = {
 }
 # half avoided, without latency; each 25 ms divide it by 1.1
 S50 = {'mpcc': 0.8, 'frenet': 0.667}
-S90_OVER_S50 = 9.0**-0.25
 OTHERS = {
     'mpcc_heading': 0.62,
     'frenet_matched': 0.52,
@@ -106,16 +103,3 @@ def trials(arms=('mpcc', 'frenet', 'mpcc_heading'), replicates=10, seed=3):
                 rows.append((replicate, arm, number, drives, 4.0 - 0.1 * number, True))
     names = ['replicate', 'arm', 'round', 'drives', 'cost', 'is_recommended']
     return pd.DataFrame(rows, columns=names)
-
-
-def marginals(count=14, seed=4):
-    """Parameters of a picture, of which the first differ beyond chance."""
-    rng = np.random.default_rng(seed)
-    return [
-        Marginal(
-            f'mpcc tolerances.weight_{k}',
-            *(tuple(np.sort(rng.uniform(size=3))) for _ in range(3)),
-            0.02 * k,
-        )
-        for k in range(count)
-    ]

@@ -1,12 +1,18 @@
-"""A small study from its plan to its figures, through the command."""
+"""A small study from its plan to its figures, through the command; tables of its replicates."""
 
+import json
 from pathlib import Path
 
 import pandas as pd
 import pytest
+import synthetic
 import yaml
+from PIL import Image
 
 from experiments import cli
+from experiments.decisive import analysis
+from experiments.decisive import run as study
+from node_runtime import provenance
 
 ROOT = Path(__file__).parents[3]
 PLAN = 'paper/study/study.yaml'
@@ -89,3 +95,65 @@ def test_an_exchange_of_equal_weights_leaves_the_plan_and_a_heading_cost_shifts_
     assert shift['weights'] < 1e-6
     assert shift['heading'] > 1e-3
     assert (tmp_path / 'figures' / 'exchange.png').stat().st_size > 10_000
+
+
+@pytest.fixture
+def driven(tmp_path):
+    """Return the tables of three replicates in `tmp_path`, of another day, with a picture."""
+    plan = yaml.safe_load((ROOT / PLAN).read_text())
+    plan['stop'] = {'from': 3, 'widths': [1.0, 1.0], 'cap': 20}
+    text = yaml.safe_dump(plan)
+    (tmp_path / 'study.yaml').write_text(text)
+    origin = {'plan': provenance.digest(text), 'sources': 'of another day'}
+    (tmp_path / 'origin.json').write_text(json.dumps(origin))
+    tuned = [
+        {'replicate': number, 'arm': arm} | dict.fromkeys(plan['search']['ranges'], 2.0 * number)
+        for number in (1, 2, 3)
+        for arm in plan['tuned']
+    ]
+    limits = {**synthetic.S50, **synthetic.OTHERS}
+    drives = synthetic.judged(3, 30, limits, starts=1)
+    tables = {
+        'tuned': pd.DataFrame(tuned),
+        'trials': synthetic.trials(replicates=3),
+        'drives': synthetic.study(drives, synthetic.factorial({(0,): 0.2}, 3, 2)),
+    }
+    tables = {
+        name: table.sort_values('replicate', kind='stable', ignore_index=True)
+        for name, table in tables.items()
+    }
+    for name, table in tables.items():
+        study.write(table, tmp_path, name)
+    picture = tables['drives'].query('replicate == 1 and start == 0 and arm in @synthetic.S50')
+    study.write(picture.assign(avoided=False), tmp_path, 'picture')
+    return tables
+
+
+def test_tables_hold_every_row_once_however_often_a_replicate_is_added(driven, tmp_path):
+    for name, table in driven.items():
+        # killed between two tables, and driven again
+        last = table.query('replicate == 3').reset_index(drop=True)
+        study.add(last, tmp_path, name)
+        pd.testing.assert_frame_equal(study.read(tmp_path, name), table)
+        study.add(last.assign(replicate=4), tmp_path, name)
+    assert study.kept_replicates(tmp_path) == {1, 2, 3, 4}
+    assert len(study.read(tmp_path, 'tuned')) == 4 / 3 * len(driven['tuned'])
+
+
+def test_a_study_that_its_rule_ends_is_decided_and_drawn_by_any_code(driven, tmp_path, capsys):
+    run = ['study', 'run', str(tmp_path), '--jobs', '1']
+    decide = ['study', 'decide', str(tmp_path)]
+    assert cli.main(run) == 0
+    assert study.kept_replicates(tmp_path) == {1, 2, 3}
+    assert cli.main(decide) == 0
+    shown = capsys.readouterr().out
+    assert 'over 3 replicates' in shown
+    assert all(f'\n{name}\n' in shown for name in analysis.Results._fields[2:])
+    widths = [Image.open(path).width for path in (tmp_path / 'figures').glob('*.png')]
+    assert widths == 7 * [900]
+    # the next ones would be driven by this code
+    assert cli.main([*run, '--replicates', '4']) == 1
+    assert 'origin.json: sources, ' in capsys.readouterr().err
+    (tmp_path / 'picture.parquet').unlink()
+    assert cli.main(decide) == 1
+    assert 'writes it when the study has ended' in capsys.readouterr().err

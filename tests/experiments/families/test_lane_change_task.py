@@ -1,4 +1,4 @@
-"""Tasks of the study: what they demand, and what their controllers know."""
+"""Tasks of the study: what they demand, as closed forms give it, and what controllers know."""
 
 import numpy as np
 import pytest
@@ -7,14 +7,17 @@ from experiments import drive_row, plant_limit
 from experiments.drive_row import Row
 from experiments.families import lane_change_task, plant_variant
 from experiments.families.draw import draw
+from experiments.families.lane_change_task import Area
 from experiments.families.plant_variant import Variant
 from mpcc_controller import car_file
 
 NAME = lane_change_task.NAME
 SEED = 3
+WIDE = 1e3
+AREA = Area(60.0, 0.5, 2.0, on_left=True)
 
 
-@pytest.mark.parametrize('index', range(4))
+@pytest.mark.parametrize('index', range(2))
 def test_the_speed_of_a_task_takes_the_share_s_of_what_the_plant_holds(index):
     task = draw(NAME, SEED, index)
     setup = drive_row.prepare(Row(f'{NAME}:{index}', 'mpcc', seed=SEED), any_car=True)
@@ -51,3 +54,44 @@ def test_a_known_latency_is_added_to_the_lags_of_the_car_of_the_controller():
         added = getattr(known.actuators, lag) - getattr(own.actuators, lag)
         assert added == pytest.approx(0.05, abs=2e-4)
     assert known.tyre == own.tyre
+
+
+def road(length, low=-WIDE):
+    """Return x and the bounds of y of a straight road."""
+    x = np.arange(0.0, length + lane_change_task.STEP_M / 2, lane_change_task.STEP_M)
+    return x, np.full(len(x), low), np.full(len(x), WIDE)
+
+
+@pytest.mark.parametrize(('offset', 'length'), [(0.5, 30.0), (2.0, 60.0)])
+def test_an_offset_with_any_heading_at_its_end_takes_a_constant_curvature(length, offset):
+    """y = k L^2 / 2."""
+    x, low, high = road(length)
+    low[-1] = offset
+    peak = lane_change_task.least_curvature(x, low, high, ())
+    assert peak == pytest.approx(2.0 * offset / length**2, rel=1e-6)
+
+
+def test_an_offset_that_must_be_kept_takes_twice_as_much():
+    """To one side half of the way, to the other half of the way: y = k L^2 / 4."""
+    offset, length = 2.0, 40.0
+    x, low, high = road(2 * length)
+    low[x >= length] = offset
+    high[:] = offset
+    peak = lane_change_task.least_curvature(x, low, high, ())
+    # the end is required at grid points only, so the mass may use a part of the next step
+    longest = length + lane_change_task.STEP_M
+    assert 4.0 * offset / longest**2 < peak <= 4.0 * offset / length**2
+
+
+def test_an_area_is_passed_on_its_side_and_the_other_side_is_the_mirror_image():
+    mirrored = AREA._replace(y=-AREA.y, on_left=False)
+    left, right = (
+        lane_change_task.least_curvature(*road(80.0), [area]) for area in (AREA, mirrored)
+    )
+    assert left == pytest.approx(right)
+    # the way to its edge abreast of its middle takes the most
+    assert left == pytest.approx(2.0 * (AREA.y + AREA.radius) / AREA.x**2, rel=1e-6)
+
+
+def test_a_closed_road_cannot_be_passed():
+    assert lane_change_task.least_curvature(*road(20.0, low=1.0), ()) == float('inf')

@@ -1,5 +1,6 @@
-"""Shell programs in place of the nodes, and folders that cannot be moved."""
+"""Shell programs in place of the nodes, processes that end with a test, folders that stay."""
 
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,21 @@ def prefix(tmp_path, monkeypatch):
         replace(node, script)
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path / 'prefix'))
     return replace
+
+
+@pytest.fixture
+def popen():
+    """Return popen(word, ..., **options): a process of a session of its own, killed at the end."""
+    started = []
+
+    def start(*words, **options):
+        started.append(subprocess.Popen(words, start_new_session=True, text=True, **options))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
 
 
 @pytest.fixture

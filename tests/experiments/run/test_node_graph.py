@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from rich.console import Console
-from shell_nodes import AWAIT_RECORDER, NODES, WAIT, left_over
+from shell_nodes import AWAIT_RECORDER, NODES, RECORD, WAIT, left_over
 
 from experiments.configuration import inputs, node_config
 from experiments.configuration.node_config import LoadedFacts
@@ -28,6 +28,9 @@ RECORDER = 'bags/recorder_node'
 # a recording that is not closed
 RECORD_TORN = """out=$(sed -n 's/^ *out: //p' "$last"); mkdir "$out"; touch "$out/mpcc_0.mcap"\n"""
 FULL = OSError(28, 'No space left on device')
+ENVIRONMENT = {
+    *('ROS_DOMAIN_ID=50', 'ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST', 'OPENBLAS_NUM_THREADS=1')
+}
 
 
 @pytest.fixture
@@ -82,24 +85,13 @@ def test_a_completed_run_is_kept_with_logs_and_the_older_one_under_a_number(runs
     assert (bag / 'metadata.yaml').read_text() == ''
     assert hidden(runs) == []
     # each node had the domain and the parameters of the scenario
-    plant, controller, info = (
-        (bag / 'logs' / name).read_text()
-        for name in ('plant_node.log', 'controller_node.log', 'run_info.json')
-    )
-    for line in (
-        'ROS_DOMAIN_ID=50',
-        'ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST',
-        'OPENBLAS_NUM_THREADS=1',
-        'friction: 0.8',
-        'start.speed_mps: 20.0',
-        'stop.x_m: 60.0',
-        'recorders: 1',
-        'mode: lockstep',
+    for name, lines in (
+        ('plant_node.log', ENVIRONMENT | {'friction: 0.8', 'stop.x_m: 60.0', 'mode: lockstep'}),
+        ('controller_node.log', {'circle_radius_m', 'model.friction: 0.8'}),
+        ('run_info.json', {'somewhere'}),
     ):
-        assert line in plant
-    assert 'circle_radius_m' in controller
-    assert 'model.friction: 0.8' in controller
-    assert 'somewhere' in info
+        text = (bag / 'logs' / name).read_text()
+        assert {line for line in lines if line not in text} == set()
 
 
 @pytest.mark.parametrize('code', [2, 3])
@@ -110,16 +102,34 @@ def test_a_run_that_is_not_completed_is_kept_and_reported(drive, prefix, code):
     assert outcome.bag.is_dir()
 
 
-@pytest.mark.parametrize('node', NODES)
-def test_a_node_that_dies_is_named_with_its_last_output(runs, drive, prefix, node):
-    prefix(node, 'echo getting ready; echo "cannot go on: no road" >&2; exit 9\n')
-    outcome = drive()
+DIES = 'echo getting ready; echo "cannot go on: no road" >&2; exit 9\n'
+NOT_CLOSED = RECORD.replace('mkdir -p "$out"; touch "$out/metadata.yaml"; exit 0', 'exit 1')
+HINT = "No space left on device; 'bags repair $out' makes a complete bag of it"
+TORN = f'{RECORD_TORN}echo "{HINT}"\nexit 1\n'
+
+
+@pytest.mark.parametrize(
+    ('node', 'script', 'plant', 'said'),
+    [
+        (PLANT, DIES, DIES, ('plant_node ended early with exit code 9', '| cannot go on: no road')),
+        (CONTROLLER, DIES, WAIT, ('controller_node ended early with exit code 9', '| cannot go')),
+        (RECORDER, NOT_CLOSED, NODES[PLANT], ('the bag was not closed: ',)),
+        (RECORDER, TORN, WAIT, ("'bags repair {}/mpcc' makes", 'closed: `bags repair {}/mpcc`')),
+    ],
+    ids=['the plant dies', 'a node dies', 'the bag is not closed', 'the disk is full'],
+)
+def test_a_run_that_fails_says_why_and_keeps_its_files_and_the_older_run(
+    runs, drive, prefix, node, script, plant, said
+):
+    prefix(PLANT, plant)
+    prefix(node, script)
+    outcome, failed = drive(), runs / 'mpcc.failed'
     assert (outcome.completed, outcome.bag) == (False, None)
-    assert f'{Path(node).name} ended early with exit code 9' in outcome.message
-    assert '| cannot go on: no road' in outcome.message
+    for part in (*said, 'logs: {}/logs'):
+        assert part.format(failed) in outcome.message
+    assert (failed / f'logs/{Path(node).name}.log').is_file()
+    assert (failed / 'mpcc/mpcc_0.mcap').exists() == (script is TORN)
     assert is_unchanged(runs)
-    assert (runs / 'mpcc.failed/logs' / f'{Path(node).name}.log').is_file()
-    assert f'logs: {runs}/mpcc.failed/logs' in outcome.message
     assert hidden(runs) == []
 
 
@@ -190,45 +200,6 @@ def test_a_run_that_repeats_the_older_one_replaces_it(
     assert (runs / 'mpcc@2').exists() == bool(older)
 
 
-def test_a_bag_that_is_not_closed_replaces_nothing(runs, drive, prefix):
-    ready = 'touch "${last%/*}/recording"; while :; do sleep 0.05; done\n'
-    prefix(RECORDER, f'trap "echo disk full; exit 1" INT; {ready}')
-    outcome = drive()
-    assert outcome.bag is None
-    assert 'the bag was not closed' in outcome.message
-    assert 'disk full' in outcome.message
-    assert is_unchanged(runs)
-
-
-def test_a_node_that_dies_leaves_a_closed_recording(runs, drive, prefix):
-    # its own parameter file is the second one
-    prefix(CONTROLLER, f'shift 2\n{AWAIT_RECORDER}exit 9\n')
-    prefix(PLANT, WAIT)
-    kept_as_failed(runs, drive(), 'controller_node ended early')
-
-
-def test_the_hint_of_a_full_disk_names_the_recording_where_it_is_at_the_end(runs, drive, prefix):
-    hint = "No space left on device; 'bags repair $out' makes a complete bag of it"
-    prefix(RECORDER, f'{RECORD_TORN}echo "{hint}"\nexit 1\n')
-    prefix(PLANT, WAIT)
-    outcome = drive()
-    recording = runs / 'mpcc.failed/mpcc'
-    assert f"'bags repair {recording}' makes" in outcome.message
-    assert f'not closed: `bags repair {recording}` completes it' in outcome.message
-    assert (recording / 'mpcc_0.mcap').is_file()
-    assert '/.mpcc.' not in outcome.message
-
-
-def kept_as_failed(runs, outcome, error):
-    """Check that a run failed with an error and that its bag is whole; return its folder."""
-    failed = runs / 'mpcc.failed'
-    assert (outcome.completed, outcome.bag) == (False, None)
-    assert outcome.message.startswith(error)
-    assert f'recorded until then: {failed}/mpcc\n' in outcome.message
-    assert (failed / 'mpcc/metadata.yaml').is_file()
-    return failed
-
-
 def test_an_unexpected_error_is_the_outcome_of_its_run_and_keeps_the_recording(
     runs, drive, prefix, monkeypatch
 ):
@@ -238,7 +209,11 @@ def test_an_unexpected_error_is_the_outcome_of_its_run_and_keeps_the_recording(
 
     prefix(PLANT, WAIT)
     monkeypatch.setattr(node_graph.PositionReader, 'poll', fail_once_recording)
-    failed = kept_as_failed(runs, drive(), 'ZeroDivisionError: no such speed\n')
+    outcome, failed = drive(), runs / 'mpcc.failed'
+    assert (outcome.completed, outcome.bag) == (False, None)
+    assert outcome.message.startswith('ZeroDivisionError: no such speed\n')
+    assert f'recorded until then: {failed}/mpcc\n' in outcome.message
+    assert (failed / 'mpcc/metadata.yaml').is_file()
     assert 'fail_once_recording' in (failed / 'logs' / node_graph.TRACEBACK).read_text()
 
 

@@ -2,9 +2,9 @@
 
 import io
 import signal
-import subprocess
 import sys
 import time
+from subprocess import PIPE
 
 import pytest
 from rich.console import Console
@@ -18,26 +18,10 @@ PLANT = 'vehicle_plant/plant_node'
 
 
 @pytest.fixture
-def start(tmp_path):
-    """Return start(word, ...): `experiments run` as a process, killed when the test ends."""
-    started = []
-
-    def run(*words, **options):
-        process = subprocess.Popen(
-            [*EXPERIMENTS, 'run', *words, '--out', 'runs'],
-            cwd=tmp_path,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-            **options,
-        )
-        started.append(process)
-        return process
-
-    yield run
-    for process in started:
-        process.kill()
-        process.communicate()
+def start(tmp_path, popen):
+    """Return start(word, ...): `experiments run` as a process."""
+    command = (*EXPERIMENTS, 'run', '--out', 'runs')
+    return lambda *words, **more: popen(*command, *words, cwd=tmp_path, stderr=PIPE, **more)
 
 
 @pytest.fixture
