@@ -87,9 +87,8 @@ def _driven_otherwise(rng, document, time_s):
         desired = {'stations_m': stations, 'speeds_mps': [_speed(rng) for _ in stations]}
     count = int(rng.choice([0, rng.integers(1, 6), 40, 200], p=[0.3, 0.5, 0.15, 0.05]))
     obstacles = [_obstacle(rng, reach, time_s) for _ in range(count)]
-    if rng.random() < 0.5:  # the judge moves obstacles straight on only
-        straight = (o for o in document['obstacles'] if not {'motion', 'waypoints'} & o.keys())
-        obstacles += straight
+    if rng.random() < 0.5:
+        obstacles += document['obstacles']
     changed = {
         'speed': desired,
         'friction': _log(rng, *FRICTIONS),

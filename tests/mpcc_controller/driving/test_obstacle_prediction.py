@@ -4,13 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
-from scipy.stats import chi2
 
 from mpcc_controller.driving import obstacle_prediction, obstacle_tracks
-from mpcc_controller.driving.obstacle_prediction import OnRoad, Tracks
+from mpcc_controller.driving.obstacle_prediction import Tracks
 from mpcc_controller.driving.records import unknown_state
 from mpcc_controller.parameters import Tracker
 from mpcc_controller.path import reference_path, road_edges
@@ -124,23 +120,6 @@ def test_the_filter_is_the_least_squares_fit_of_all_measurements(tracker):
     assert track.covariance == pytest.approx(np.linalg.inv(A.T @ A)[-3:, -3:], rel=1e-5)
 
 
-def test_the_errors_of_the_filter_are_as_large_as_it_says():
-    """Normalised squares of 400 drives of its own model: in the band of 99.9 % of chi square."""
-    rng, (F, Q) = np.random.default_rng(11), process(TICK_S, NOISY.jerk_mps3)
-    total, drives = np.zeros(30), 400
-    for _ in range(drives):
-        x, known = rng.standard_normal((3, 2)) * [[5.0], [8.0], [3.0]], {}
-        for k in range(30):
-            x = F @ x + np.linalg.cholesky(Q) @ rng.standard_normal((3, 2)) if k else x
-            z = x[:2] + rng.standard_normal((2, 2)) * [[0.2], [0.5]]
-            o = CAR._replace(X=z[0, 0], Y=z[0, 1], vX=z[1, 0], vY=z[1, 1])
-            known = obstacle_tracks.update(known, [o], TICK_S, NOISY)
-            error = known[CAR.id].mean - x
-            total[k] += np.sum(error * np.linalg.solve(known[CAR.id].covariance, error))
-    low, high = chi2.ppf([0.0005, 0.9995], 6 * drives)
-    assert np.all((low < total) & (total < high))
-
-
 # misses, ghosts, ids
 
 
@@ -166,17 +145,6 @@ def test_a_ghost_is_avoided_while_it_is_seen_and_not_remembered(params):
     observer = Observer(params)
     assert {o.id for o in observer.see(Obstacles(1, (CAR, CONE)))} == {3, 4}
     assert {o.id for o in observer.see(Obstacles(1 + TICK_NS, (CAR,)))} == {3}
-
-
-@settings(max_examples=30)
-@given(st.lists(st.sets(st.integers(0, 400)), max_size=40), st.floats(0.001, 0.5))
-def test_what_was_not_seen_for_long_is_forgotten(seen, missed):
-    tracker, known = replace(EXACT, missed=missed), {}
-    for ids in seen:
-        items = [CONE._replace(id=key) for key in ids]
-        known = obstacle_tracks.update(known, items, TICK_S, tracker)
-    longest = int(np.log(1e-4) / np.log(missed)) + 1
-    assert known.keys() <= set().union(*seen[-longest:])
 
 
 def test_a_message_that_is_repeated_changes_nothing_and_a_clock_set_back_forgets(params):
@@ -223,47 +191,17 @@ def likely(discs):
     return [places[p] for p in sorted(places, reverse=True)]
 
 
-@settings(max_examples=50)
-@given(
-    st.lists(st.floats(-50.0, 50.0), min_size=6, max_size=6), st.floats(1e-3, 5.0), st.booleans()
-)
-def test_hypotheses_have_probabilities_that_come_to_one(motion, deviation, on_road):
-    mean = np.array(motion).reshape(3, 2)
-    track = obstacle_tracks.Track(mean, deviation**2 * np.eye(3), 0.0)
-    place = OnRoad(1.0, 0.1, 0.02, np.zeros(1), np.zeros(1)) if on_road else None
-    found = obstacle_prediction._hypotheses(track, motion[4:], place)
-    assert sum(h.probability for h in found) == pytest.approx(1.0)
-    assert all(h.probability >= 0 and h.braking >= 0 for h in found)
-
-
 @pytest.mark.parametrize('deceleration', [3.0, 8.0])
 def test_braking_that_is_observed_goes_on_until_the_obstacle_stands(params, deceleration):
-    """The reference integrates dv/dt = -a until the speed is 0."""
     seen = [*moving(13, braking=deceleration, first=-6)]
     (found, *_) = Observer(params).see(*messages(*seen))
     now = seen[-1]
     v = np.hypot(now.vX, now.vY)
-    driven = solve_ivp(lambda _, s: [max(v - deceleration * s[1], 0.0), 1.0], (0, 2.5), (0, 0),
-                       rtol=1e-9, atol=1e-9, max_step=0.02).y[0, -1]  # fmt: skip
+    t = min(v / deceleration, 2.5)
     X, Y = found.position(2.5)
-    assert np.hypot(X - now.X, Y - now.Y) == pytest.approx(driven, abs=0.5)
+    driven = np.hypot(X - now.X, Y - now.Y)
+    assert driven == pytest.approx(v * t - deceleration * t**2 / 2, abs=0.5)
     assert found.probability > 0.9
-
-
-@pytest.mark.parametrize('deviations', [(0.05, 0.1), (0.2, 0.5)])
-def test_braking_is_seen_through_the_noise_of_a_tracker_within_a_second(params, deviations):
-    tracker = replace(EXACT, position_m=deviations[0], velocity_mps=deviations[1])
-
-    def gaps(braking, ticks, first):
-        for seed in range(20):
-            seen = moving(ticks, deviations, braking, first, seed)
-            found = likely(Observer(params, tracker).see(*messages(*seen)))
-            yield [np.hypot(o.position(2.0)[0] - o.X, o.position(2.0)[1] - o.Y) for o in found]
-
-    # the likeliest keeps the speed; at 5 m/s^2 there is one that stops in time
-    assert np.mean([first > 0.85 * 2 * SPEED for first, *_ in gaps(0.0, 20, -20)]) > 0.9
-    stops = 8.0**2 / (2 * 5.0)
-    assert np.mean([min(found) < 1.7 * stops for found in gaps(5.0, 40, -19)]) > 0.9
 
 
 def place(radius, side, s, offset):

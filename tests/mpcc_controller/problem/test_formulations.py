@@ -18,6 +18,7 @@ from mpcc_controller.problem.frenet_formulation import FrenetState
 from mpcc_controller.problem.obstacle_motion import Course, PredictedObstacle
 from msgs_yaml.types import Obstacles, RoadEdges
 from node_runtime.parameters import ParameterError
+from stage_solver.solution import SOLVED
 from stage_solver.stage_problem import Plan
 
 quick = settings(max_examples=30)
@@ -59,23 +60,6 @@ def test_the_objective_is_the_sum_of_the_logged_terms(pose, name):
         assert logged == pytest.approx(cost, rel=1e-12)
 
     check()
-
-
-def test_weights_are_one_over_the_squared_tolerances(pose):
-    weights = pose(
-        START,
-        tolerances__contouring_m=0.3,
-        tolerances__lag_m=0.5,
-        tolerances__steer_rate_radps=0.349,
-        tolerances__force_rate_nps=2e4,
-        priorities__obstacle=700.0,
-        priorities__edge=30.0,
-    ).form.constants['weights']
-    assert weights.con == pytest.approx(1 / 0.09)
-    assert weights.lag == pytest.approx(4)
-    assert weights.d_delta == pytest.approx(8.2, rel=2e-3)
-    assert weights.d_Fx * 1e6 == pytest.approx(1 / 400)
-    assert (weights.v2o, weights.v2e) == (700, 30)
 
 
 @pytest.mark.parametrize(
@@ -289,6 +273,17 @@ def test_the_friction_bounds_are_back_where_the_force_may_be(world):
     assert np.all(given_bounds.g_low[0, :2] < -1)
     assert np.all(given_bounds.g_low[force_gone:, :2] == -params.limits.friction_use)
     assert np.all(given_bounds.g_high[:, :2] == params.limits.friction_use)
+
+
+@both
+def test_a_cold_start_finds_the_plan_of_fatrop(pose, roads, name):
+    road = with_obstacles(roads['straight'], STANDING._replace(X=40.0, Y=1.9, r_obs=1.0))
+    start = State(0.0, 0.0, 0.0, 20.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    posed = pose(start, name, road, drives=True)
+    solution, reference = posed.solve(), posed.solve('fatrop')
+    assert solution.status == reference.status == SOLVED
+    assert solution.cost == pytest.approx(reference.cost, rel=1e-5)
+    assert np.allclose(solution.plan.X, reference.plan.X, rtol=1e-4, atol=1e-2)
 
 
 @pytest.mark.parametrize(('name', 'dt', 'accuracy'), [('mpcc', DT, 1e-9), ('frenet', 1e-3, 2e-6)])
