@@ -25,7 +25,7 @@ from vehicle_plant.state import SetPoints
 
 DRAWS, IN_CHECK = int(os.environ.get('RANDOM_SCENARIOS', '299')), 29
 SEED = int(os.environ.get('RANDOM_SEED', random_scenarios.SEED))
-TICK_NS = 50_000_000
+TICK_NS, PASSED = 50_000_000, 'passed'
 ENCODE = {
     '/scenario/reference': encode.reference,
     '/scenario/road_edges': encode.road_edges,
@@ -82,7 +82,7 @@ def not_finite(columns):
 def turned_back(whys):
     """Yield each command that the controller's own gate did not let through."""
     for k, why in enumerate(whys.values):
-        if why.values['gate']:
+        if why.values['gate'] != PASSED:
             yield f'command {k}: turned back by the controller: {why.values["gate"]}'
 
 

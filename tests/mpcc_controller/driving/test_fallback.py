@@ -214,13 +214,6 @@ def test_the_last_plan_goes_on_for_five_ticks_then_the_car_brakes_along_it(
     assert step(8, X=42.0).decision[0] == SOLVED
 
 
-def test_when_the_last_plan_is_too_old_the_car_brakes_along_the_path(controller, step):
-    step(0)
-    lines = [step(k, X=25.0 + 0.2 * k, modify=fail).decision[2] for k in range(1, 34)]
-    oldest = controller.params.fallback.max_guide_age
-    assert lines == [None] * 5 + ['plan'] * (oldest - 5) + ['path'] * (33 - oldest)
-
-
 def test_the_least_speed_has_a_hysteresis_and_the_braking_car_steers_and_reports(controller, step):
     decisions = []
     for k, v in enumerate((7.2, 6.9, 7.5, 7.9, 8.1)):

@@ -77,47 +77,27 @@ def test_without_a_tracker_obstacles_are_used_as_they_are_received(params):
 # the filter
 
 
-def tracks_of(seen, tracker):
-    known = {}
-    for o in seen:
-        known = obstacle_tracks.update(known, [o], TICK_S, tracker)
-    return known[CAR.id]
-
-
-def process(dt, jerk):
-    """Return transition and noise of constant acceleration, the noise as an integral."""
-    F = np.array([[1, dt, dt**2 / 2], [0, 1, dt], [0, 0, 1]])
-    s, w = np.polynomial.legendre.leggauss(5)
-    s, w = dt * (s + 1) / 2, dt / 2 * w
-    g = np.array([s**2 / 2, s, np.ones_like(s)])
-    return F, jerk**2 * (g * w) @ g.T
-
-
 @pytest.mark.parametrize('tracker', [EXACT, NOISY])
-def test_the_filter_is_the_least_squares_fit_of_all_measurements(tracker):
-    """All states of twelve ticks at once: measurements, first state and jerks are the residuals."""
-    deviations = tracker.position_m, tracker.velocity_mps
-    seen = [*moving(12, deviations, braking=3.0, first=-4, seed=7)]
-    track, n = tracks_of(seen, tracker), len(seen)
-    F, Q = process(TICK_S, tracker.jerk_mps3)
+def test_the_filter_is_that_of_kalman_for_a_jerk_of_white_noise(tracker):
+    """Its process noise is integrated here, over the time that is left to a jerk to act."""
+    F = np.array([[1, TICK_S, TICK_S**2 / 2], [0, 1, TICK_S], [0, 0, 1]])
+    s, w = np.polynomial.legendre.leggauss(5)
+    s, w = TICK_S * (s + 1) / 2, TICK_S / 2 * w
+    g = np.array([s**2 / 2, s, np.ones_like(s)])
+    Q = tracker.jerk_mps3**2 * (g * w) @ g.T
     R, H = np.diag([tracker.position_m**2, tracker.velocity_mps**2]), np.eye(2, 3)
-    rows, wanted = [], []
-    for k, o in enumerate(seen):
-        block, root = np.zeros((2, 3 * n)), np.linalg.inv(np.linalg.cholesky(R))
-        block[:, 3 * k : 3 * k + 3] = H
-        rows.append(root @ block)
-        wanted.append(root @ [[o.X, o.Y], [o.vX, o.vY]])
-        if k:
-            block, root = np.zeros((3, 3 * n)), np.linalg.inv(np.linalg.cholesky(Q))
-            block[:, 3 * k - 3 : 3 * k + 3] = np.hstack((-F, np.eye(3)))
-            rows.append(root @ block)
-            wanted.append(np.zeros((3, 2)))
-    rows.append(np.eye(1, 3 * n, 2) / obstacle_tracks.START_MPS2)
-    wanted.append(np.zeros((1, 2)))
-    A, b = np.vstack(rows), np.vstack(wanted)
-    states, *_ = np.linalg.lstsq(A, b, rcond=None)
-    assert track.mean == pytest.approx(states[-3:], rel=1e-6, abs=1e-6)
-    assert track.covariance == pytest.approx(np.linalg.inv(A.T @ A)[-3:, -3:], rel=1e-5)
+    mean, P = np.zeros((3, 2)), np.diag([*np.diag(R), obstacle_tracks.START_MPS2**2])
+    known = {}
+    for k, o in enumerate(moving(12, np.sqrt(np.diag(R)), braking=3.0, first=-4, seed=7)):
+        known, z = obstacle_tracks.update(known, [o], TICK_S, tracker), [[o.X, o.Y], [o.vX, o.vY]]
+        if k == 0:
+            mean[:2] = z
+        else:
+            mean, P = F @ mean, F @ P @ F.T + Q
+            gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+            mean, P = mean + gain @ (z - H @ mean), P - gain @ H @ P
+    assert known[CAR.id].mean == pytest.approx(mean, rel=1e-6, abs=1e-6)
+    assert known[CAR.id].covariance == pytest.approx(P, rel=1e-5)
 
 
 # misses, ghosts, ids
