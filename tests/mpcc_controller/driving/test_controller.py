@@ -1,14 +1,11 @@
-"""The receding-horizon controllers in the closed loop: physics, reports, inputs, warm-up."""
+"""The receding-horizon controllers tick by tick: what they solve, inputs, reports, warm-up."""
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from mpcc_controller.driving import planner, setpoints
+from mpcc_controller.driving import planner
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.records import TickInputs
-from mpcc_controller.model import single_track
 from msgs_yaml import conformance, encode
 from msgs_yaml.types import Actuators
 from stage_solver.solution import FAILED, SOLVED
@@ -32,20 +29,7 @@ def either(request, world):
     return world.set_inputs(request.getfixturevalue(request.param), world.straight())
 
 
-# physics of both problems
-
-
-def test_a_straight_road_needs_no_steering_and_a_force_towards_the_drag(either, world):
-    command, prediction, why = world.tick(either, world.rolling())
-    assert why.values['rung'] == SOLVED
-    assert abs(command.delta) < 1e-6
-    assert np.max(np.abs(prediction.Y)) < 1e-4
-    assert command.stamp_ns == prediction.stamp_ns == why.stamp_ns
-    assert prediction.X[-1] == pytest.approx(50.0, rel=0.02)
-    last = world.drive(world.set_inputs(either, world.straight()), 60).commands[-1]
-    drag = either.car.drag * 20**2 + either.car.rolling
-    assert last.Fxr == pytest.approx(drag, rel=0.1)
-    assert last.Fxf == 0
+# what can be solved
 
 
 def test_heading_beyond_pi_is_taken_as_the_same_heading(controller, world):
@@ -251,27 +235,6 @@ def test_after_the_warm_up_the_commands_are_those_of_a_controller_that_did_not_w
     assert runs[0].commands == runs[1].commands
     frictions = [[why.values['friction.estimate'] for why in run.whys] for run in runs]
     assert frictions[0] == frictions[1]
-
-
-# set-points
-
-
-def use(Fx, lambda_b, car):
-    F, Fz = single_track.split(Fx, lambda_b, car), single_track.loads(Fx, car)
-    return abs(float(F.f)) / (car.mu_f * Fz.f), abs(float(F.r)) / (car.mu_r * Fz.r)
-
-
-@settings(max_examples=100)
-@given(st.floats(-15000, 0), st.floats(0.4, 0.9))
-def test_the_limited_split_keeps_both_axles_within_the_friction(params, car, Fx, lambda_b):
-    limited = setpoints.split_within_friction(lambda_b, Fx, car, params.limits)
-    assert max(use(Fx, limited, car)) <= params.limits.friction_use * (1 + 1e-9)
-    if max(use(Fx, lambda_b, car)) <= params.limits.friction_use:
-        assert limited == pytest.approx(lambda_b)
-    # a force beyond the friction is split like that
-    beyond = setpoints.split_within_friction(lambda_b, -25e3, car, params.limits)
-    front, rear = use(-25e3, beyond, car)
-    assert front == pytest.approx(rear)
 
 
 def test_times_of_receiving_and_publishing_are_reported_where_they_are_known(controller, world):

@@ -277,7 +277,8 @@ def test_one_that_turns_off_the_road_goes_on_turning_or_straight(params):
 def test_what_stands_is_not_moved_on_by_the_noise_of_its_velocity(params):
     noise = np.random.default_rng(5).standard_normal((20, 4)) * [0.2, 0.2, 0.5, 0.5]
     seen = [CONE._replace(X=30 + x, Y=1 + y, vX=vX, vY=vY) for x, y, vX, vY in noise]
-    (found, *_) = Observer(params, NOISY).see(*messages(*seen))
+    (found, *others) = Observer(params, NOISY).see(*messages(*seen))
+    assert found.probability + sum(o.probability for o in others) < 1.0 + 1e-9
     X, Y = found.position(T)
     assert np.ptp(X) == np.ptp(Y) == 0.0
     assert (X[0], Y[0]) == pytest.approx((30.0, 1.0), abs=0.3)

@@ -7,10 +7,25 @@ import pytest
 
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.in_force import describe_changes
+from mpcc_controller.model import stability
 from mpcc_controller.model.single_track import Input, State
 from node_runtime.parameters import ParameterError
 
 STEPS = 40
+
+
+def growth_of_the_textbook(car, vx, slip_speed, dt=0.05):
+    """Return the growth of the linear single track per midpoint step, slips at `slip_speed`."""
+    C, arm = np.array([car.C_f, car.C_r]), np.array([car.l_f, -car.l_r])
+    damping = np.array([[C.sum(), C @ arm], [C @ arm, C @ arm**2]]) / slip_speed
+    a = -dt * (damping / [[car.m], [car.Izz]] + [[0.0, vx], [0.0, 0.0]])
+    return np.max(np.abs(np.linalg.eigvals(np.eye(2) + a + a @ a / 2)))
+
+
+@pytest.mark.parametrize('vx', [10.0, 20.0, 30.0])
+def test_the_lateral_motion_is_that_of_the_textbooks_linear_single_track(car, vx):
+    expected = growth_of_the_textbook(car, vx, vx)
+    assert stability.growth(car, 0.05, vx) == pytest.approx(expected, rel=1e-3)
 
 
 def with_tyres(vehicle, factor):

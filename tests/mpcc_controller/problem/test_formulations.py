@@ -62,6 +62,23 @@ def test_the_objective_is_the_sum_of_the_logged_terms(pose, name):
     check()
 
 
+def test_weights_are_one_over_the_squared_tolerances(pose):
+    weights = pose(
+        START,
+        tolerances__contouring_m=0.3,
+        tolerances__lag_m=0.5,
+        tolerances__steer_rate_radps=0.349,
+        tolerances__force_rate_nps=2e4,
+        priorities__obstacle=700.0,
+        priorities__edge=30.0,
+    ).form.constants['weights']
+    assert weights.con == pytest.approx(1 / 0.09)
+    assert weights.lag == pytest.approx(4)
+    assert weights.d_delta == pytest.approx(8.2, rel=2e-3)
+    assert weights.d_Fx * 1e6 == pytest.approx(1 / 400)
+    assert (weights.v2o, weights.v2e) == (700, 30)
+
+
 @pytest.mark.parametrize(
     ('name', 'errors'),
     [
