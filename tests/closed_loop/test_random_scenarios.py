@@ -1,4 +1,4 @@
-"""Random scenarios: no exception, valid commands and messages, numbers that are numbers.
+"""Random scenarios: no exception, valid commands and messages, and the right distances.
 
 A fixed series, so that a failure is due to the change under test; its name has the number of the
 draw. The first 29 run in `make check`: a fault that shows in one of ten scenarios is noticed with a
@@ -9,6 +9,7 @@ series, or a longer one:
 """
 
 import json
+import math
 import os
 
 import numpy as np
@@ -26,6 +27,7 @@ from vehicle_plant.state import SetPoints
 DRAWS, IN_CHECK = int(os.environ.get('RANDOM_SCENARIOS', '299')), 29
 SEED = int(os.environ.get('RANDOM_SEED', random_scenarios.SEED))
 TICK_NS, PASSED = 50_000_000, 'passed'
+NEAREST_M, MOVING_MPS = 1e-3, 3.0  # two evaluations; a slower car has no sideslip
 ENCODE = {
     '/scenario/reference': encode.reference,
     '/scenario/road_edges': encode.road_edges,
@@ -62,12 +64,14 @@ def test_a_random_scenario_has_no_findings(index, tmp_path):
     setup = setup._replace(scn=scn)
     columns = simulation.run(setup)
     drive = drive_from_columns(columns, simulation.run_info(setup), setup.controller)
-    json.dumps(metrics.compute_metrics(drive), allow_nan=False)
+    values = metrics.compute_metrics(drive)
+    json.dumps(values, allow_nan=False)
     assert [
         *not_finite(columns),
         *turned_back(columns['/controller/why']),
         *refused_by_the_plant(columns['/controller/command'], setup.plant, setup.friction),
         *contract_broken(columns),
+        *differences(columns, values, setup),
     ] == []
 
 
@@ -119,3 +123,49 @@ def messages(columns):
         for k in sorted({*np.argmin(flat, axis=0), *np.argmax(flat, axis=0)}):
             row = [tuple(map(float, f[k])) if f.ndim > 1 else float(f[k]) for f in fields]
             yield topic, encoded(form(int(stamps[k]), *row))
+
+
+def differences(columns, values, setup):
+    """Yield the metrics of obstacles and sideslip that are not those of plane geometry.
+
+    It shares no code with `bags`; obstacles of several discs are left out.
+    """
+    o, messages = columns['/vehicle/odometry'], columns['/scenario/obstacles']
+    car, body = setup.plant.car, setup.params.body
+    front = car.body.cog_to_front_m + car.outline.front_overhang_m
+    rear, width = car.body.cog_to_rear_m + car.outline.rear_overhang_m, car.outline.width_m
+    radius, offsets = body.circle_radius_m, body.circle_offsets_m
+    if body.circles:  # they cover the outline, each an equal share of it
+        share = (front + rear) / body.circles
+        radius = math.hypot(share / 2, width / 2)
+        offsets = [(k + 0.5) * share - rear for k in range(body.circles)]
+    turn = np.exp(-1j * o.yaw_rad)
+    latest = np.maximum(np.searchsorted(messages.stamp_ns, o.stamp_ns, side='right') - 1, 0)
+    circles, outline = {}, {}
+    for row in np.unique(latest):
+        now = latest == row
+        age = (o.stamp_ns[now] - messages.stamp_ns[row]) / 1e9
+        for item in messages.values[row].items:
+            at = complex(item.X, item.Y) + age * complex(item.vX, item.vY)
+            seen = (at - o.x_m[now] - 1j * o.y_m[now]) * turn[now]  # from the car: ahead, left
+            gap = np.min([np.abs(seen - offset) for offset in offsets]) - radius - item.r_obs
+            circles.setdefault(item.id, []).append(gap if not item.others else np.nan)
+            beyond = abs(seen.real - (front - rear) / 2) - (front + rear) / 2
+            aside = abs(seen.imag) - width / 2
+            gap = np.hypot(np.maximum(beyond, 0), np.maximum(aside, 0))
+            gap += np.minimum(np.maximum(beyond, aside), 0) - item.r_obs
+            outline.setdefault(item.id, []).append(np.min(gap) if not item.others else np.nan)
+    for name, found in (
+        ('min_v2o_per_obstacle_m', circles),
+        ('min_outline_gap_per_obstacle_m', outline),
+    ):
+        for number, gaps in found.items():
+            least, told = min(gaps), values[name][str(number)]
+            if least == least and abs(least - told) > NEAREST_M:
+                yield f'{name} of {number} is {told}, plane geometry has {least}'
+    speed = np.hypot(o.vx_mps, o.vy_mps)
+    moving, told = speed > MOVING_MPS, values['peak_sideslip_deg']
+    if moving.any():
+        slip = np.degrees(np.arccos(np.clip(o.vx_mps[moving] / speed[moving], -1, 1)).max())
+        if abs(slip - told) > 0.01 or values['lost'] != (slip > 30.0):
+            yield f'peak_sideslip_deg is {told}, plane geometry has {slip}'
