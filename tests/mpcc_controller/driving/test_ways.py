@@ -20,8 +20,6 @@ from stage_solver.stage_problem import Plan, shift
 GRAVITY = 9.81
 R_VEH = 1.1  # m, of mpcc.yaml
 STEP_S = 0.05
-# of a guess after a tick: m, m, rad, m/s, m/s, rad/s, m, rad, N
-MOTION = State(0.1, 0.05, 0.05, 0.3, 0.3, 0.4, 0.1, 0.03, 3e3)
 # nothing here compiles or solves; the first example loads CasADi
 quick = settings(max_examples=60)
 
@@ -120,14 +118,28 @@ def test_a_guess_passes_the_obstacle_on_its_side_on_the_road_and_a_mirrored_road
     Y0=st.floats(-1.0, 1.0),
 )
 def test_a_guess_is_a_motion(road, params, car, v, seconds, Y, Y0):
-    """The model moves every stage to about where the next one is."""
+    """Positions move with the velocity, the course turns as the tyres push, which are linear."""
     scene = road(standing(1, v * seconds, Y), v=v)
-    step = single_track.step(STEP_S, single_track.structure(car)).map(48)
     for _, shape, guess in all_guesses(scene, start(v, Y0), car, params):
-        if shape.acceleration < 6.0:  # steady cornering; stage 0 is measured
-            after = step(guess.X[1:-2].T, guess.U[1:-1].T, np.tile(car, (48, 1)).T).full().T
-            errors = State(*np.max(np.abs(after - guess.X[2:-1]), axis=0))
-            assert np.all(np.array(errors) < MOTION), errors
+        if shape.acceleration > 6.0:  # beyond steady cornering
+            continue
+        x = State(*guess.X[1:].T)  # stage 0 is measured
+        course = x.psi + np.arctan2(x.vy, x.vx)
+        moved = np.diff(np.column_stack([x.X, x.Y]), axis=0) / STEP_S
+        # ahead and aside of the course, in between two stages
+        mean = (course[1:] + course[:-1]) / 2
+        ahead = np.cos(mean) * moved[:, 0] + np.sin(mean) * moved[:, 1]
+        aside = np.cos(mean) * moved[:, 1] - np.sin(mean) * moved[:, 0]
+        assert np.max(np.abs(aside)) < 0.05 * v  # 3 deg
+        # a car that moves aside is longer under way; its guess is not slower for that
+        assert np.all(ahead > 0.98 * x.vx[1:])
+        assert np.all(ahead < 1.1 * x.vx[1:])
+        Fy = car.m * x.vx * x.r / (car.l_f + car.l_r)
+        front, rear = x.delta - (x.vy + car.l_f * x.r) / x.vx, (car.l_r * x.r - x.vy) / x.vx
+        assert car.C_f * front == pytest.approx(car.l_r * Fy, abs=1.0)
+        assert car.C_r * rear == pytest.approx(car.l_f * Fy, abs=1.0)
+        turned = np.diff(course) / STEP_S
+        assert np.max(np.abs(turned - (x.r[1:] + x.r[:-1]) / 2)) < 0.5 * GRAVITY / v
 
 
 @quick
