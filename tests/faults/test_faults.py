@@ -31,7 +31,7 @@ FAULTS = sorted(
     key=lambda fault: (fault.mode, is_recorded(fault)),
 )
 # what is handled alike whatever the topic: in the checks it is done to the state, and to times
-ALIKE = ('inf', 'wild', 'empty', 'torn', 'frame', 'duplicate', 'reorder')
+ALIKE = ('inf', 'wild', 'empty', 'torn', 'huge', 'frame', 'duplicate', 'reorder')
 CHECKED = {'/vehicle/odometry', '/clock', '/vehicle/run_start'}
 # rejections of the plant's gate that a correct controller never causes
 INVALID = ('not_finite', 'out_of_range', 'too_fast', 'beyond_friction', 'unreadable')
