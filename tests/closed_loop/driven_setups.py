@@ -52,9 +52,9 @@ def driven(setup: simulation.Setup, explain: bool = False) -> Driven:
 class Loop:
     """Controller and plant tick by tick, for tests that change something meanwhile."""
 
-    def __init__(self, setup: simulation.Setup, controller: Controller, late_ms: int = 0):
-        """Commands take hold `late_ms` after their state."""
-        self.scn, self.controller, self.late_ms = setup.scn, controller, late_ms
+    def __init__(self, setup: simulation.Setup, controller: Controller):
+        """Begin at the start of the scenario."""
+        self.scn, self.controller = setup.scn, controller
         self.car = Simulator(setup.plant, self.scn.friction, Start(*self.scn.start))
         self.end, self.outcome = RunEnd(inputs.stop_params(self.scn), self.car.now), None
         controller.reset(self.car.actuators)
@@ -75,6 +75,5 @@ class Loop:
             self.controller.prepare()
         self.records.append(record)
         self.states.append(x)
-        self.car.advance(None, self.late_ms)
-        now = self.car.advance(record.command, TICK_STEPS - self.late_ms)
+        now = self.car.advance(record.command, TICK_STEPS)
         self.outcome = self.end.check(now)

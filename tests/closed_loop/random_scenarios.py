@@ -1,8 +1,8 @@
 """Scenarios drawn at random: those of the package and of the families, driven otherwise.
 
-A draw is decided by two integers, `seed` and `index`, and by nothing else. Speeds, friction, start,
-obstacles and slippery patches are drawn over the range of the schema (docs/scenarios.md). What its
-geometric checks refuse is drawn again, so every scenario here is a valid one.
+A draw is decided by two integers, `seed` and `index`, and by nothing else. Speeds, friction, start
+and obstacles are drawn over the range of the schema (docs/scenarios.md). What its geometric checks
+refuse is drawn again, so every scenario here is a valid one.
 """
 
 import math
@@ -87,20 +87,15 @@ def _driven_otherwise(rng, document, time_s):
         desired = {'stations_m': stations, 'speeds_mps': [_speed(rng) for _ in stations]}
     count = int(rng.choice([0, rng.integers(1, 6), 40, 200], p=[0.3, 0.5, 0.15, 0.05]))
     obstacles = [_obstacle(rng, reach, time_s) for _ in range(count)]
-    if rng.random() < 0.5:  # the judge moves obstacles straight on only
-        straight = (o for o in document['obstacles'] if not {'motion', 'waypoints'} & o.keys())
-        obstacles += straight
-    changed = {
+    if rng.random() < 0.5:
+        obstacles += document['obstacles']
+    return document | {
         'speed': desired,
         'friction': _log(rng, *FRICTIONS),
         'start': {'progress_m': begin, 'speed_mps': speed},
         'stop': {'progress_m': max(finish, begin + 1.0), 'time_s': _log(rng, 0.5, 600.0)},
         'obstacles': obstacles,
     }
-    patches = [_patch(rng, reach) for _ in range(int(rng.integers(1, 4)))]
-    own = {'friction_patches': patches} if rng.random() < 0.5 else {}
-    kept = {key: value for key, value in document.items() if key != 'friction_patches'}
-    return kept | changed | own
 
 
 def _log(rng, low, high):
@@ -128,17 +123,6 @@ def _obstacle(rng, reach, time_s):
         **(
             {'disappears_at_s': begin + float(rng.uniform(0.01, 3.0))} if rng.random() < 0.3 else {}
         ),
-    }
-
-
-def _patch(rng, reach):
-    begin, right = float(rng.uniform(*reach)), float(rng.uniform(-6.0, 4.0))
-    return {
-        'from_m': begin,
-        'to_m': begin + float(rng.uniform(0.5, 20.0)),
-        'from_offset_m': right,
-        'to_offset_m': right + float(rng.uniform(0.15, 6.0)),
-        'friction': _log(rng, *FRICTIONS),
     }
 
 

@@ -95,8 +95,13 @@ def row(scenario, controller, bands, settings=(), kph=None, name=''):
             'slippery',
         ),
         row(DOUBLE, 'mpcc_road', SURVIVED, BIAS, 80, 'wrong sideslip'),
-        row('closed_road', 'mpcc_road', SURVIVED, noisy(1.0), None, 'noise'),
-        row('closed_road', 'mpcc_road', SURVIVED, noisy(2.0), None, 'noise twice'),
+        row('closed_road', 'mpcc_road', SURVIVED, noisy(2.0), None, 'noise'),
+        # one that comes in its own lane of the bend is met in the own lane
+        row(
+            'bend_oncoming',
+            'mpcc_road',
+            SURVIVED | {'min_outline_gap_m': (0.5, 2.0), 'lane_excess_m': (-3.0, 0.0)},
+        ),
     ],
 )
 def test_a_drive_ends_within_its_bands(drive, scenario, controller, settings, kph, bands):
@@ -123,27 +128,6 @@ def test_a_drive_that_is_not_explained_is_the_same_to_the_last_bit(drive):
         timeless = {name: v for name, v in own.values.items() if not name.startswith('time.')}
         assert timeless == {name: other.values[name] for name in timeless}
         assert {'solver.iterations', 'gate', 'theta'} <= set(own.values) < set(other.values)
-
-
-@pytest.mark.parametrize(
-    ('rule', 'aside_m'),
-    [
-        ({'formulation.distance': 'path'}, 0.001),
-        ({'formulation.priority': 'step'}, 0.02),
-        ({'formulation.lag': False}, 0.005),
-    ],
-    ids=['distance', 'priority', 'lag'],
-)
-def test_each_rule_of_the_cost_changes_the_drive_and_none_of_them_ends_it(drive, rule, aside_m):
-    """By a millimetre at least; the same rules repeat a drive to the last bit."""
-    usual, changed = drive(DOUBLE, 'mpcc'), drive(DOUBLE, 'mpcc', {'controller': rule})
-    assert changed.metrics['completed']
-    assert not changed.metrics['collided']
-    X = np.linspace(5.0, 150.0, 500)
-    lines = [np.interp(X, d.drive.motion.x, d.drive.motion.y) for d in (usual, changed)]
-    assert np.abs(lines[1] - lines[0]).max() > aside_m
-    if 'formulation.priority' in rule:  # it pushes harder than a Gaussian
-        assert changed.metrics['min_v2o_m'] > usual.metrics['min_v2o_m'] + 0.02
 
 
 def estimates(driven):

@@ -1,6 +1,4 @@
-"""What becomes of the car when the solver fails, or answers late: controller and plant together."""
-
-import dataclasses
+"""What becomes of the car when the solver fails, or no command follows: controller and plant."""
 
 import numpy as np
 import pytest
@@ -8,7 +6,6 @@ from driven_setups import Loop, prepare
 
 from experiments import simulation
 from experiments.configuration import inputs
-from mpcc_controller.driving import braking
 from mpcc_controller.driving.controller import Controller
 from stage_solver.solution import FAILED
 from vehicle_plant.run_end import RunEnd
@@ -30,23 +27,6 @@ class Failing:
         return solution._replace(status=FAILED) if self.dead else solution
 
 
-class Slow:
-    """A solver that takes its time on a clock of its own."""
-
-    def __init__(self, seconds):
-        self.inner, self.seconds, self.now = None, seconds, 0.0
-
-    def __call__(self):
-        return self.now
-
-    def set_time_limit(self, seconds):
-        self.inner.set_time_limit(seconds)
-
-    def solve(self, *numbers):
-        self.now += self.seconds
-        return self.inner.solve(*numbers)
-
-
 def least_gap(loop):
     """Return the least distance of the car to an obstacle [m]."""
     return min(
@@ -54,10 +34,6 @@ def least_gap(loop):
         for x, obstacles in zip(loop.states, loop.obstacles)
         for o in obstacles.items
     )
-
-
-def largest_sideslip_deg(loop):
-    return max(np.degrees(abs(np.arctan(x.vy / x.vx))) for x in loop.states if x.vx > 3)
 
 
 @pytest.fixture(scope='module')
@@ -112,7 +88,7 @@ def fails_at(setup):
     return run
 
 
-@pytest.mark.parametrize('tick', [30, 35, 50, 95, 105])
+@pytest.mark.parametrize('tick', [35, 50, 95])
 def test_a_solver_that_dies_in_the_double_lane_change_ends_in_a_safe_stop(fails_at, tick):
     """In both changes of lane, before and beside the obstacles."""
     loop = fails_at(tick)
@@ -121,44 +97,9 @@ def test_a_solver_that_dies_in_the_double_lane_change_ends_in_a_safe_stop(fails_
     assert least_gap(loop) > 0.1
     assert min(Y) - R_VEH > EDGES[0]
     assert max(Y) + R_VEH < EDGES[1]
-    assert largest_sideslip_deg(loop) < 20
+    assert max(np.degrees(abs(np.arctan(x.vy / x.vx))) for x in loop.states if x.vx > 3) < 20
     assert loop.car.gate.rejected + sum(loop.controller.memory.rejections.values()) == 0
     rungs = [why.values['rung'] for why in loop.whys[tick:]]
     assert rungs[:5] == ['shifted'] * 5
     assert set(rungs[5:]) == {'braking'}
     assert len(rungs) < 90  # 4.5 s from 75 km/h, most of it in a bend
-
-
-def test_braking_straight_instead_would_have_hit_an_obstacle(fails_at, monkeypatch):
-    straight = (braking.NONE, None)
-    monkeypatch.setattr(braking, 'lookahead_point', lambda *_: straight)
-    assert least_gap(fails_at(35)) < 0
-
-
-@pytest.mark.parametrize('late_ms', [10, 20])
-def test_delay_compensation_improves_a_late_controller(setup, late_ms):
-    params = setup.params
-    solver = dataclasses.replace(params.solver, time_limit_s=10.0, patience_s=10.0)
-    loops = {}
-    for aware, longest_s in ((True, params.delay.longest_s), (False, 0.0)):
-        delay = dataclasses.replace(params.delay, longest_s=longest_s)
-        changed = dataclasses.replace(params, solver=solver, delay=delay)
-        slow = Slow(late_ms / 1e3 - params.delay.transport_s)
-        controller = Controller(changed, setup.vehicle, limit_time=True, clock=slow)
-        slow.inner, controller.parts.solvers.followed = controller.parts.solvers.followed, slow
-        loop = loops[aware] = Loop(setup, controller, late_ms)
-        while not loop.outcome:
-            loop.tick()
-        leads = [why.values['time.lead_ms'] for why in loop.whys[1:]]
-        assert leads == pytest.approx([late_ms if aware else 0] * len(leads))
-
-    def effort(loop):
-        return np.sqrt(np.mean([record.command.d_delta**2 for record in loop.records]))
-
-    def error(loop):
-        return np.sqrt(np.mean([why.values['error.con'] ** 2 for why in loop.whys]))
-
-    assert error(loops[True]) < 0.96 * error(loops[False])
-    assert effort(loops[True]) < 0.96 * effort(loops[False])
-    assert largest_sideslip_deg(loops[True]) < largest_sideslip_deg(loops[False])
-    assert least_gap(loops[True]) > 0.4

@@ -22,11 +22,9 @@
 #define FIRST_OF_WALL_NS 1000000000000000000
 
 typedef int wait_until(pthread_cond_t *, pthread_mutex_t *, const struct timespec *);
-typedef int wait_until_of(pthread_cond_t *, pthread_mutex_t *, clockid_t, const struct timespec *);
 
 static const volatile int64_t *ahead_ns;
 static wait_until *kernel_timedwait;
-static wait_until_of *kernel_clockwait;
 static int (*kernel_timedlock)(pthread_mutex_t *, const struct timespec *);
 static int (*kernel_sem_timedwait)(sem_t *, const struct timespec *);
 
@@ -53,7 +51,6 @@ __attribute__((constructor)) static void open_file(void)
     kernel_timedwait = (wait_until *)dlvsym(RTLD_NEXT, "pthread_cond_timedwait", "GLIBC_2.3.2");
     if (!kernel_timedwait)
         kernel_timedwait = (wait_until *)dlsym(RTLD_NEXT, "pthread_cond_timedwait");
-    kernel_clockwait = (wait_until_of *)dlsym(RTLD_NEXT, "pthread_cond_clockwait");
     kernel_timedlock = dlsym(RTLD_NEXT, "pthread_mutex_timedlock");
     kernel_sem_timedwait = dlsym(RTLD_NEXT, "sem_timedwait");
     const char *name = getenv("JUMPING_CLOCK");
@@ -121,14 +118,6 @@ int pthread_cond_timedwait(pthread_cond_t *condition, pthread_mutex_t *mutex,
         if (code != ETIMEDOUT || has_come(until))
             return code;
     }
-}
-
-int pthread_cond_clockwait(pthread_cond_t *condition, pthread_mutex_t *mutex, clockid_t clock,
-                           const struct timespec *until)
-{
-    if (clock == CLOCK_REALTIME)
-        return pthread_cond_timedwait(condition, mutex, until);
-    return kernel_clockwait(condition, mutex, clock, until);
 }
 
 int pthread_mutex_timedlock(pthread_mutex_t *mutex, const struct timespec *until)

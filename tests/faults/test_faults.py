@@ -30,6 +30,9 @@ FAULTS = sorted(
     (fault for fault in catalogue.load() if fault.action not in ('clock_s', 'disk_bytes')),
     key=lambda fault: (fault.mode, is_recorded(fault)),
 )
+# what is handled alike whatever the topic: in the checks it is done to the state, and to times
+ALIKE = ('inf', 'wild', 'empty', 'torn', 'huge', 'frame', 'duplicate', 'reorder')
+CHECKED = {'/vehicle/odometry', '/clock', '/vehicle/run_start'}
 # rejections of the plant's gate that a correct controller never causes
 INVALID = ('not_finite', 'out_of_range', 'too_fast', 'beyond_friction', 'unreadable')
 END_M = 500.0  # of the road that faults share, with room to stop
@@ -150,7 +153,14 @@ def inject(fault, ring, begins_ns):
         solvers.followed = FailingSolver(solvers.followed, lambda: ring.time_ns < last_ns)
 
 
-@pytest.mark.parametrize('fault', FAULTS, ids=lambda fault: fault.name)
+def parameter(fault):
+    """Return a fault as a parameter; most of the ALIKE are tried each night only."""
+    alike = fault.action == 'relay' and fault.settings['do'] in ALIKE
+    nightly = alike and not CHECKED.intersection(fault.target)
+    return pytest.param(fault, id=fault.name, marks=[pytest.mark.nightly] if nightly else [])
+
+
+@pytest.mark.parametrize('fault', map(parameter, FAULTS))
 def test_a_fault_ends_in_the_expected_state(fault, rings):
     with rings.driving(fault) as ring:
         begins_ns = ring.time_ns

@@ -13,6 +13,7 @@ from node_bench import NodeBench
 from mpcc_controller.driving import fallback
 from msgs_yaml import conformance, decode, encode
 from msgs_yaml.types import Actuators, Command
+from node_runtime import ros
 from stage_solver.solution import SOLVED, STOPPED_EARLY
 
 # outcomes of a tick
@@ -21,24 +22,12 @@ OUTCOMES = {
     **dict.fromkeys((SOLVED, STOPPED_EARLY), SOLVE),
     **dict.fromkeys((fallback.SHIFTED, fallback.RECOVERY, fallback.BRAKING), FALLBACK),
 }
-ACTUATORS = '/vehicle/actuators'
+ACTUATORS, COMMAND, WHY = '/vehicle/actuators', '/controller/command', '/controller/why'
 LATE_NS = 10**15  # in lockstep: time goes back at each restart
 BACK_NS = 10 * node_bench.TICK_NS
 SILENCE_NS = 300_000_000  # without a state: beyond every limit of its age
 ROUNDING = 1e-6  # relative
 RECOVERY_TICKS = 10  # of valid input until a solve answers
-
-
-class ObservedPublisher:
-    """A publisher that passes its messages to a callback before it publishes them."""
-
-    def __init__(self, publisher, callback):
-        self.publisher, self.callback = publisher, callback
-
-    def publish(self, message) -> None:
-        """Call the callback and publish the message."""
-        self.callback(message)
-        self.publisher.publish(message)
 
 
 class Answer(NamedTuple):
@@ -58,8 +47,7 @@ class Driver:
     def __init__(self, bench: NodeBench):
         self.bench, self.node = bench, bench.node
         self.realtime = bench.mode == 'realtime'
-        self.node.command_pub = ObservedPublisher(self.node.command_pub, self.check)
-        self.node.why_pub = ObservedPublisher(self.node.why_pub, self.on_why)
+        bench.bus.listeners = {COMMAND: [self.check], WHY: [self.on_why]}
         self.answer = UNANSWERED
         self.stamp_ns = LATE_NS
         self.last: Command | None = None  # that was published, None after a restart
@@ -126,21 +114,21 @@ class Driver:
             raise self.faults.pop(0)
         return answer
 
-    def on_why(self, message) -> None:
+    def on_why(self, raw: bytes) -> None:
         """Store the response to a state."""
-        why = decode.why(message)
+        why = decode.why(ros.deserialize(WHY, raw))
         self.answer = Answer(OUTCOMES[why.values['rung']], why.message, why.stamp_ns)
 
-    def check(self, message) -> None:
+    def check(self, raw: bytes) -> None:
         """Check a command; `look` raises what is wrong."""
         try:
-            self.check_command(message)
+            self.check_command(ros.deserialize(COMMAND, raw))
         except AssertionError as fault:
             self.faults.append(fault)
 
     def check_command(self, message) -> None:
         """Assert that a command obeys the contract and the limits of the controller."""
-        assert conformance.check('/controller/command', message) == []
+        assert conformance.check(COMMAND, message) == []
         new, last, limits = decode.command(message), self.last, self.node.params.limits
         assert all(map(math.isfinite, new[1:])), new
         force = new.Fxf + new.Fxr

@@ -2,12 +2,13 @@
 
 import itertools
 import math
+from functools import partial
 from types import SimpleNamespace
 
 import node_bench
 import numpy as np
 import pytest
-from controller_driver import ObservedPublisher
+from controller_driver import COMMAND, WHY
 from wait_until import wait_until
 
 from mpcc_controller.controller_inputs_node import ACTUATORS
@@ -21,6 +22,7 @@ PATIENCE_S = 60.0
 REFERENCE, EDGES = '/scenario/reference', '/scenario/road_edges'
 OBSTACLES, ODOMETRY = '/scenario/obstacles', '/vehicle/odometry'
 PREDICTIONS = '/scenario/predictions'
+PREDICTION, HEALTH = '/controller/prediction', '/diagnostics'
 
 
 class Running:
@@ -32,19 +34,20 @@ class Running:
         levels = ('info', 'warning', 'error')
         log = {level: lambda text, **_: self.lines.append(text) for level in levels}
         node.get_logger = lambda: SimpleNamespace(**log)
-        self.published = {name: [] for name in ('command', 'prediction', 'why', 'health')}
-        for name, messages in self.published.items():
-            publisher = getattr(node, f'{name}_pub')
-            setattr(node, f'{name}_pub', ObservedPublisher(publisher, messages.append))
+        self.published = {topic: [] for topic in (COMMAND, PREDICTION, WHY, HEALTH)}
+        node.bus.listeners = {topic: [partial(self.on_sent, topic)] for topic in self.published}
         wait_until(lambda: not node.missing_subscribers(), PATIENCE_S, 'nobody listens')
+
+    def on_sent(self, topic, raw):
+        self.published[topic].append(ros.deserialize(topic, raw))
 
     @property
     def whys(self):
-        return [decode.why(message) for message in self.published['why']]
+        return [decode.why(message) for message in self.published[WHY]]
 
     @property
     def commands(self):
-        return [decode.command(message) for message in self.published['command']]
+        return [decode.command(message) for message in self.published[COMMAND]]
 
     def logged(self, text):
         """Return the lines of the log with a text."""
@@ -104,8 +107,8 @@ def test_each_state_is_answered_by_one_command_with_its_stamp(lockstep, world):
     assert why.values['set_point.delta'] == pytest.approx(0.02)
     assert why.values['set_point.Fx'] == pytest.approx(-1000.0)
     assert why.values['rung'] == 'solved'
-    assert len(decode.prediction(lockstep.published['prediction'][0]).X) == 51
-    assert decode.health(lockstep.published['health'][0])[0].name == 'controller'
+    assert len(decode.prediction(lockstep.published[PREDICTION][0]).X) == 51
+    assert decode.health(lockstep.published[HEALTH][0])[0].name == 'controller'
     assert len(prepared) == 1
 
     # the plant repeats its first state until it receives a command
@@ -156,7 +159,7 @@ def test_actuators_that_do_not_follow_are_logged_once_per_change(lockstep, world
     assert all('steer' in fault for fault in faults[4:])
     changes = sum(before != after for before, after in itertools.pairwise(faults))
     assert len(lockstep.logged('actuators do not follow: steering angle 0.300 rad')) == changes
-    health = decode.health(lockstep.published['health'][-1])[0]
+    health = decode.health(lockstep.published[HEALTH][-1])[0]
     assert 'steer' in health.values['actuators.fault']
 
 

@@ -37,25 +37,13 @@ def test_every_point_of_the_outline_is_in_a_circle_as_small_as_can_be(outline, c
     assert evaluated[1] == pytest.approx(offsets)
 
 
-@pytest.mark.parametrize(
-    ('changes', 'edge_radius'),
-    [
-        ({}, None),
-        ({'body__circles': 3}, 0.91),
-        ({'body__circles': 3, 'body__edge_radius_m': 1.3}, 1.3),
-    ],
-)
-def test_at_edges_half_of_the_width_counts_unless_another_radius_is_given(
-    world, changes, edge_radius
-):
-    params, vehicle = world.load(**changes)
-    covered = in_force.with_covering_circles(params, vehicle)
-    assert covered.body.edge_radius_m == edge_radius
-    assert (covered is params) == (not changes)
-    if changes:
-        bare = dataclasses.replace(vehicle, outline=CarOutline(None, None, None))
-        with pytest.raises(ParameterError, match=r'car\.yaml does not have outline\.front_m'):
-            in_force.with_covering_circles(params, bare)
+def test_at_edges_half_of_the_width_counts_unless_another_radius_is_given(world):
+    for asked, used in ((None, 0.91), (1.3, 1.3)):
+        params, vehicle = world.load(body__circles=3, body__edge_radius_m=asked)
+        assert in_force.with_covering_circles(params, vehicle).body.edge_radius_m == used
+    bare = dataclasses.replace(vehicle, outline=CarOutline(None, None, None))
+    with pytest.raises(ParameterError, match=r'car\.yaml does not have outline\.front_m'):
+        in_force.with_covering_circles(params, bare)
 
 
 def test_each_of_several_circles_is_reported_and_the_nearest_counts(world):

@@ -120,37 +120,10 @@ def test_no_change_weakens_the_braking_without_a_plan(params, controller, world)
     assert stops[-1].Fxf + stops[-1].Fxr < -14000.0
 
 
-@pytest.mark.parametrize(
-    ('low_speed', 'least', 'texts'),
-    [
-        (None, 7.0, ('slower than limits.least_speed_mps, 7 m/s', 'from 8 m/s')),
-        (True, -1.0, ('rolls back faster than 1 m/s',)),
-    ],
-)
-def test_the_speed_below_which_a_car_stops_is_told(world, low_speed, least, texts):
-    params = in_force.with_stable_speed(*world.load(model__low_speed=low_speed))
-    assert in_force.least_driven(params.limits) == least
-    assert all(text in in_force.stopping_text(params.limits) for text in texts)
-
-
-@pytest.mark.parametrize(
-    ('split', 'share', 'shares'),
-    [
-        (None, None, (0.4, 0.9)),  # free, within the limits of the file
-        ('fixed', None, (0.65, 0.65)),
-        ('fixed', 0.6, (0.6, 0.6)),
-        ('free', 0.6, r'^formulation\.brake_front_share: is 0\.6, .*allowed with fixed'),
-    ],
-)
-def test_the_limits_of_the_brake_split_in_force(world, vehicle, split, share, shares):
-    changes = {'formulation__brake_split': split, 'formulation__brake_front_share': share}
-    params, _ = world.load(**changes)
-    if isinstance(shares, str):
-        with pytest.raises(ParameterError, match=shares):
-            in_force.in_force(params, vehicle)
-        return
-    limits = in_force.in_force(params, vehicle).limits
-    assert (limits.brake_front_share_min, limits.brake_front_share_max) == shares
+def test_a_share_of_the_brakes_is_refused_where_the_split_is_free(world):
+    changes = {'formulation__brake_split': 'free', 'formulation__brake_front_share': 0.6}
+    with pytest.raises(ParameterError, match=r'brake_front_share: is 0\.6, .*allowed with fixed'):
+        in_force.in_force(*world.load(**changes))
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller.driving import braking
+from mpcc_controller.driving import braking, setpoints
 from mpcc_controller.driving.braking import Point
 from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
 from mpcc_controller.model import single_track
@@ -142,6 +142,30 @@ def test_without_a_point_or_a_state_the_wheels_go_straight_and_cornering_reduces
     usable = slow_params.limits.friction_use * min(car.mu_f, car.mu_r) * car.m * GRAVITY
     assert straight.Fx == pytest.approx(-usable, rel=0.05)
     assert turning.Fx > straight.Fx + 1000
+
+
+@quick
+@given(st.floats(-15000, 0), st.floats(0.4, 0.9))
+def test_the_limited_split_keeps_both_axles_within_the_friction(params, car, Fx, lambda_b):
+    def used(Fx, share):
+        return use(SetpointTarget(0.0, Fx, share), 0.0, car)
+
+    limited = setpoints.split_within_friction(lambda_b, Fx, car, params.limits)
+    assert max(used(Fx, limited)) <= params.limits.friction_use * (1 + 1e-9)
+    if max(used(Fx, lambda_b)) <= params.limits.friction_use:
+        assert limited == pytest.approx(lambda_b)
+    # a force beyond the friction is split like that
+    front, rear = used(-25e3, setpoints.split_within_friction(lambda_b, -25e3, car, params.limits))
+    assert front == pytest.approx(rear)
+
+
+def test_the_target_of_a_plan_is_the_end_of_its_first_step(params, car):
+    X, U = np.zeros((3, 9)), np.zeros((2, 4))
+    X[1] = State(0, 0, 0, 20, 0, 0, 0, 0.02, -1000.0)
+    U[0] = Input(0.4, -2e4, 0.55, 0)
+    target = setpoints.target_of_plan(Plan(X, U), car, params.limits)
+    command = setpoints.command_to(target, Setpoints(0.0, 0.0), car, 0.05, 7)
+    assert command == pytest.approx((7, 0.02, 0.4, -550.0, -450.0))
 
 
 # the lookahead point

@@ -102,12 +102,6 @@ def test_a_swerve_at_the_limit_tells_the_friction(drive, estimator_, friction, s
     assert max(belief.excitation for belief in beliefs) > 1.0
 
 
-def test_the_friction_is_found_within_half_a_second_and_a_dry_road_is_believed(drive, estimator_):
-    frictions = estimator_().frictions(drive(0.6, swerve(11), 25.0))
-    assert min(frictions) < 0.7
-    assert estimator_().frictions(drive(1.0, swerve(), 25.0)).min() > 0.85
-
-
 def test_straight_on_nothing_is_learnt_and_what_was_learnt_fades_as_slowly_as_configured(
     drive, estimator_
 ):
@@ -289,9 +283,3 @@ def test_braking_without_a_plan_probes_a_little_beyond_the_belief(
     assert car[:] == pytest.approx(
         nominal._replace(mu_f=braked_with * nominal.mu_f, mu_r=braked_with * nominal.mu_r)
     )
-
-
-@pytest.mark.parametrize('friction', [0.4, 0.55])
-def test_braking_beyond_the_friction_tells_it(drive, estimator_, friction):
-    frictions = estimator_().frictions(drive(friction, braking()))
-    assert frictions[-1] == pytest.approx(friction, abs=0.1)

@@ -4,13 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
-from scipy.stats import chi2
 
 from mpcc_controller.driving import obstacle_prediction, obstacle_tracks
-from mpcc_controller.driving.obstacle_prediction import OnRoad, Tracks
+from mpcc_controller.driving.obstacle_prediction import Tracks
 from mpcc_controller.driving.records import unknown_state
 from mpcc_controller.parameters import Tracker
 from mpcc_controller.path import reference_path, road_edges
@@ -81,64 +77,27 @@ def test_without_a_tracker_obstacles_are_used_as_they_are_received(params):
 # the filter
 
 
-def tracks_of(seen, tracker):
-    known = {}
-    for o in seen:
-        known = obstacle_tracks.update(known, [o], TICK_S, tracker)
-    return known[CAR.id]
-
-
-def process(dt, jerk):
-    """Return transition and noise of constant acceleration, the noise as an integral."""
-    F = np.array([[1, dt, dt**2 / 2], [0, 1, dt], [0, 0, 1]])
-    s, w = np.polynomial.legendre.leggauss(5)
-    s, w = dt * (s + 1) / 2, dt / 2 * w
-    g = np.array([s**2 / 2, s, np.ones_like(s)])
-    return F, jerk**2 * (g * w) @ g.T
-
-
 @pytest.mark.parametrize('tracker', [EXACT, NOISY])
-def test_the_filter_is_the_least_squares_fit_of_all_measurements(tracker):
-    """All states of twelve ticks at once: measurements, first state and jerks are the residuals."""
-    deviations = tracker.position_m, tracker.velocity_mps
-    seen = [*moving(12, deviations, braking=3.0, first=-4, seed=7)]
-    track, n = tracks_of(seen, tracker), len(seen)
-    F, Q = process(TICK_S, tracker.jerk_mps3)
+def test_the_filter_is_that_of_kalman_for_a_jerk_of_white_noise(tracker):
+    """Its process noise is integrated here, over the time that is left to a jerk to act."""
+    F = np.array([[1, TICK_S, TICK_S**2 / 2], [0, 1, TICK_S], [0, 0, 1]])
+    s, w = np.polynomial.legendre.leggauss(5)
+    s, w = TICK_S * (s + 1) / 2, TICK_S / 2 * w
+    g = np.array([s**2 / 2, s, np.ones_like(s)])
+    Q = tracker.jerk_mps3**2 * (g * w) @ g.T
     R, H = np.diag([tracker.position_m**2, tracker.velocity_mps**2]), np.eye(2, 3)
-    rows, wanted = [], []
-    for k, o in enumerate(seen):
-        block, root = np.zeros((2, 3 * n)), np.linalg.inv(np.linalg.cholesky(R))
-        block[:, 3 * k : 3 * k + 3] = H
-        rows.append(root @ block)
-        wanted.append(root @ [[o.X, o.Y], [o.vX, o.vY]])
-        if k:
-            block, root = np.zeros((3, 3 * n)), np.linalg.inv(np.linalg.cholesky(Q))
-            block[:, 3 * k - 3 : 3 * k + 3] = np.hstack((-F, np.eye(3)))
-            rows.append(root @ block)
-            wanted.append(np.zeros((3, 2)))
-    rows.append(np.eye(1, 3 * n, 2) / obstacle_tracks.START_MPS2)
-    wanted.append(np.zeros((1, 2)))
-    A, b = np.vstack(rows), np.vstack(wanted)
-    states, *_ = np.linalg.lstsq(A, b, rcond=None)
-    assert track.mean == pytest.approx(states[-3:], rel=1e-6, abs=1e-6)
-    assert track.covariance == pytest.approx(np.linalg.inv(A.T @ A)[-3:, -3:], rel=1e-5)
-
-
-def test_the_errors_of_the_filter_are_as_large_as_it_says():
-    """Normalised squares of 400 drives of its own model: in the band of 99.9 % of chi square."""
-    rng, (F, Q) = np.random.default_rng(11), process(TICK_S, NOISY.jerk_mps3)
-    total, drives = np.zeros(30), 400
-    for _ in range(drives):
-        x, known = rng.standard_normal((3, 2)) * [[5.0], [8.0], [3.0]], {}
-        for k in range(30):
-            x = F @ x + np.linalg.cholesky(Q) @ rng.standard_normal((3, 2)) if k else x
-            z = x[:2] + rng.standard_normal((2, 2)) * [[0.2], [0.5]]
-            o = CAR._replace(X=z[0, 0], Y=z[0, 1], vX=z[1, 0], vY=z[1, 1])
-            known = obstacle_tracks.update(known, [o], TICK_S, NOISY)
-            error = known[CAR.id].mean - x
-            total[k] += np.sum(error * np.linalg.solve(known[CAR.id].covariance, error))
-    low, high = chi2.ppf([0.0005, 0.9995], 6 * drives)
-    assert np.all((low < total) & (total < high))
+    mean, P = np.zeros((3, 2)), np.diag([*np.diag(R), obstacle_tracks.START_MPS2**2])
+    known = {}
+    for k, o in enumerate(moving(12, np.sqrt(np.diag(R)), braking=3.0, first=-4, seed=7)):
+        known, z = obstacle_tracks.update(known, [o], TICK_S, tracker), [[o.X, o.Y], [o.vX, o.vY]]
+        if k == 0:
+            mean[:2] = z
+        else:
+            mean, P = F @ mean, F @ P @ F.T + Q
+            gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+            mean, P = mean + gain @ (z - H @ mean), P - gain @ H @ P
+    assert known[CAR.id].mean == pytest.approx(mean, rel=1e-6, abs=1e-6)
+    assert known[CAR.id].covariance == pytest.approx(P, rel=1e-5)
 
 
 # misses, ghosts, ids
@@ -166,17 +125,6 @@ def test_a_ghost_is_avoided_while_it_is_seen_and_not_remembered(params):
     observer = Observer(params)
     assert {o.id for o in observer.see(Obstacles(1, (CAR, CONE)))} == {3, 4}
     assert {o.id for o in observer.see(Obstacles(1 + TICK_NS, (CAR,)))} == {3}
-
-
-@settings(max_examples=30)
-@given(st.lists(st.sets(st.integers(0, 400)), max_size=40), st.floats(0.001, 0.5))
-def test_what_was_not_seen_for_long_is_forgotten(seen, missed):
-    tracker, known = replace(EXACT, missed=missed), {}
-    for ids in seen:
-        items = [CONE._replace(id=key) for key in ids]
-        known = obstacle_tracks.update(known, items, TICK_S, tracker)
-    longest = int(np.log(1e-4) / np.log(missed)) + 1
-    assert known.keys() <= set().union(*seen[-longest:])
 
 
 def test_a_message_that_is_repeated_changes_nothing_and_a_clock_set_back_forgets(params):
@@ -223,47 +171,17 @@ def likely(discs):
     return [places[p] for p in sorted(places, reverse=True)]
 
 
-@settings(max_examples=50)
-@given(
-    st.lists(st.floats(-50.0, 50.0), min_size=6, max_size=6), st.floats(1e-3, 5.0), st.booleans()
-)
-def test_hypotheses_have_probabilities_that_come_to_one(motion, deviation, on_road):
-    mean = np.array(motion).reshape(3, 2)
-    track = obstacle_tracks.Track(mean, deviation**2 * np.eye(3), 0.0)
-    place = OnRoad(1.0, 0.1, 0.02, np.zeros(1), np.zeros(1)) if on_road else None
-    found = obstacle_prediction._hypotheses(track, motion[4:], place)
-    assert sum(h.probability for h in found) == pytest.approx(1.0)
-    assert all(h.probability >= 0 and h.braking >= 0 for h in found)
-
-
 @pytest.mark.parametrize('deceleration', [3.0, 8.0])
 def test_braking_that_is_observed_goes_on_until_the_obstacle_stands(params, deceleration):
-    """The reference integrates dv/dt = -a until the speed is 0."""
     seen = [*moving(13, braking=deceleration, first=-6)]
     (found, *_) = Observer(params).see(*messages(*seen))
     now = seen[-1]
     v = np.hypot(now.vX, now.vY)
-    driven = solve_ivp(lambda _, s: [max(v - deceleration * s[1], 0.0), 1.0], (0, 2.5), (0, 0),
-                       rtol=1e-9, atol=1e-9, max_step=0.02).y[0, -1]  # fmt: skip
+    t = min(v / deceleration, 2.5)
     X, Y = found.position(2.5)
-    assert np.hypot(X - now.X, Y - now.Y) == pytest.approx(driven, abs=0.5)
+    driven = np.hypot(X - now.X, Y - now.Y)
+    assert driven == pytest.approx(v * t - deceleration * t**2 / 2, abs=0.5)
     assert found.probability > 0.9
-
-
-@pytest.mark.parametrize('deviations', [(0.05, 0.1), (0.2, 0.5)])
-def test_braking_is_seen_through_the_noise_of_a_tracker_within_a_second(params, deviations):
-    tracker = replace(EXACT, position_m=deviations[0], velocity_mps=deviations[1])
-
-    def gaps(braking, ticks, first):
-        for seed in range(20):
-            seen = moving(ticks, deviations, braking, first, seed)
-            found = likely(Observer(params, tracker).see(*messages(*seen)))
-            yield [np.hypot(o.position(2.0)[0] - o.X, o.position(2.0)[1] - o.Y) for o in found]
-
-    # the likeliest keeps the speed; at 5 m/s^2 there is one that stops in time
-    assert np.mean([first > 0.85 * 2 * SPEED for first, *_ in gaps(0.0, 20, -20)]) > 0.9
-    stops = 8.0**2 / (2 * 5.0)
-    assert np.mean([min(found) < 1.7 * stops for found in gaps(5.0, 40, -19)]) > 0.9
 
 
 def place(radius, side, s, offset):
@@ -359,7 +277,8 @@ def test_one_that_turns_off_the_road_goes_on_turning_or_straight(params):
 def test_what_stands_is_not_moved_on_by_the_noise_of_its_velocity(params):
     noise = np.random.default_rng(5).standard_normal((20, 4)) * [0.2, 0.2, 0.5, 0.5]
     seen = [CONE._replace(X=30 + x, Y=1 + y, vX=vX, vY=vY) for x, y, vX, vY in noise]
-    (found, *_) = Observer(params, NOISY).see(*messages(*seen))
+    (found, *others) = Observer(params, NOISY).see(*messages(*seen))
+    assert found.probability + sum(o.probability for o in others) < 1.0 + 1e-9
     X, Y = found.position(T)
     assert np.ptp(X) == np.ptp(Y) == 0.0
     assert (X[0], Y[0]) == pytest.approx((30.0, 1.0), abs=0.3)

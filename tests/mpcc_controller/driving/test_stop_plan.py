@@ -22,6 +22,12 @@ def answered(controller, world, ticks=1):
     return controller.step(TickInputs(last))
 
 
+def with_states(record, X):
+    """Return a record of a plan of other states (N + 1, 9)."""
+    plan = record.decision.plan._replace(X=X)
+    return record._replace(decision=record.decision._replace(plan=plan))
+
+
 def test_they_are_those_of_the_plan_then_brake_along_its_line(controller, world):
     record = answered(controller, world, 30)
     plan, stop = record.decision.plan, controller.stop_plan(record)
@@ -41,27 +47,11 @@ def test_they_are_those_of_the_plan_then_brake_along_its_line(controller, world)
     assert np.all(share <= limits.brake_front_share_max)
 
 
-def test_the_prediction_model_that_follows_them_stays_near_the_line_and_slows_down(
-    controller, world
-):
-    record = answered(controller, world, 30)
-    plan, stop = record.decision.plan, controller.stop_plan(record)
-    drive, x = world.make_car(controller.car), record.x0
-    x = drive(x, record.command)
-    for _ in range(2):  # for which the command is held
-        x = drive(x, record.command)
-    for delta, Fxf, Fxr in zip(stop.delta, stop.Fxf, stop.Fxr):
-        x = drive(x, record.command._replace(delta=delta, Fxf=Fxf, Fxr=Fxr))
-    assert x.vx < 14.5
-    assert np.min(np.hypot(plan.X[:, 0] - x.X, plan.X[:, 1] - x.Y)) < 1.0
-
-
 def test_from_the_held_command_on_they_change_no_faster_than_the_limits_allow(controller, world):
     record, limits = answered(controller, world), controller.params.limits
     X = record.decision.plan.X.copy()
     X[:, 7:] = 0.3, -limits.brake_n
-    plan = record.decision.plan._replace(X=X)
-    stop = controller.stop_plan(record._replace(decision=record.decision._replace(plan=plan)))
+    stop = controller.stop_plan(with_states(record, X))
     held, force = record.command.Fxf + record.command.Fxr, stop.Fxf + stop.Fxr
     changes = np.abs([np.diff([record.command.delta, *stop.delta]), np.diff([held, *force])])
     rates = limits.steer_rate_radps, limits.force_rate_nps
@@ -79,10 +69,8 @@ def test_in_realtime_they_are_due_as_much_later_as_the_command_takes_effect(cont
 
 def test_there_are_none_without_a_plan_and_for_a_car_that_stands(controller, world):
     record = answered(controller, world)
-    plan = record.decision.plan
-    standing = plan._replace(X=plan.X * (np.arange(9) != 3))
-    stands = record._replace(decision=record.decision._replace(plan=standing))
-    assert controller.stop_plan(stands) is None
+    standing = record.decision.plan.X * (np.arange(9) != 3)
+    assert controller.stop_plan(with_states(record, standing)) is None
     controller.memory = controller.memory._replace(plans=controller.memory.plans.discard())
     assert controller.stop_plan(controller.step(TickInputs(unknown_state(2 * TICK_NS)))) is None
 
@@ -92,11 +80,9 @@ def test_they_end_where_the_car_stands_and_fit_the_shortest_horizon(world):
     controller = world.set_inputs(Controller(params, vehicle), world.straight())
     record = answered(controller, world)
     assert len(controller.stop_plan(record).t) == 2
-    plan = record.decision.plan
-    X = plan.X.copy()
+    X = record.decision.plan.X.copy()
     X[:, 3] = 1.0
-    slow = record._replace(decision=record.decision._replace(plan=plan._replace(X=X)))
-    stop = controller.stop_plan(slow)
+    stop = controller.stop_plan(with_states(record, X))
     assert 1 <= len(stop.t) <= 2
 
 
@@ -112,8 +98,7 @@ def test_with_stages_of_another_length_they_are_those_of_the_same_instants(
     params = replace(controller.params, model=replace(controller.params.model, step_s=step_s))
 
     def stop_of(stages):
-        decision = record.decision._replace(plan=plan._replace(X=stages))
-        return stop_plan.stop_plan(record._replace(decision=decision), controller.car, params, 0)
+        return stop_plan.stop_plan(with_states(record, stages), controller.car, params, 0)
 
     stop = stop_of(X)
     assert stop.t == pytest.approx(np.arange(0.2, t[-1] + 1e-9, step_s))

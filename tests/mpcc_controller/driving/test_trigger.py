@@ -6,7 +6,7 @@ from mpcc_controller.driving import trigger
 
 TICK, MS = 50_000_000, 1_000_000
 START = 1_000_000_000
-STEP, AGAIN, FIRST = (True, False, False), (False, True, False), (True, False, True)
+STEP, FIRST = (True, False, False), (True, False, True)
 NOTHING = trigger.NOTHING
 
 
@@ -70,14 +70,6 @@ def test_lockstep_answers_later_states_with_their_actuators_where_these_come(loc
             due = lockstep.due()
         assert not lockstep.waits_for_actuators
         assert due == (STEP if k else FIRST)
-
-
-def test_lockstep_ignores_states_between_ticks_and_repeats_the_answer_to_a_repeated_one(lockstep):
-    assert not lockstep.on_state(START + 7 * MS)
-    assert receive(lockstep, START) == FIRST
-    assert receive(lockstep, START) == AGAIN
-    assert receive(lockstep, START + TICK) == STEP
-    assert lockstep.age_s(START + 4 * TICK) == 0
 
 
 def test_when_time_goes_back_the_controller_restarts(lockstep):

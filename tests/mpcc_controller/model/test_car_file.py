@@ -7,7 +7,6 @@ import pytest
 from mpcc_controller import car_file, in_force
 from mpcc_controller.problem import stage_parameters
 from msgs_yaml import share
-from node_runtime import parameters
 from node_runtime.parameters import ParameterError
 
 
@@ -42,13 +41,6 @@ def test_the_drive_layout_is_that_of_the_car_unless_the_controller_has_its_own(
     vehicle = replace(shipped, 'actuators', drive_front_share=1.0)
     params = replace(params, 'model', drive_front_share=given)
     assert stage_parameters.car(params, vehicle).lambda_d == used
-
-
-def test_no_shipped_controller_overrides_the_drive_layout_of_the_car():
-    for file in share.path('mpcc_controller', 'config').glob('*.yaml'):
-        values = parameters.read_file(file).values
-        assert values.get('car_file', 'car.yaml') == 'car.yaml'
-        assert 'model.drive_front_share' not in values
 
 
 def test_the_lags_of_the_actuators_are_in_the_model_where_the_switch_is_on(params, vehicle):

@@ -227,33 +227,6 @@ def test_a_single_arc_gives_the_coordinates_of_a_point_metres_ahead_of_it(s, e, 
     assert straight_on == pytest.approx((s - ahead + 3, -2.0))
 
 
-@quick
-@given(st.floats(-4.0, 4.0), st.floats(-0.6, 0.6), st.floats(8.0, 30.0), st.floats(-4.0, 4.0))
-def test_the_rates_are_the_derivatives_of_the_coordinates_of_a_moving_car(e, dpsi, vx, vy):
-    path, s, r, h = circle(), 50.0, 0.3, 1e-4
-    psi = s / R + dpsi
-    speed = np.array([vx * np.cos(psi) - vy * np.sin(psi), vx * np.sin(psi) + vy * np.cos(psi)])
-    ends = np.array(on_circle(s, e)) + h * np.array([[-1], [1]]) * speed
-    point = frenet_frame.refine(path, *ends.T, np.array([s, s]))
-    along, across = np.diff(point.s)[0] / (2 * h), np.diff(point.e)[0] / (2 * h)
-    derivatives = frenet_frame.rates(e, dpsi, 1 / R, vx, vy, r)
-    assert derivatives.s == pytest.approx(along, rel=1e-5)
-    assert derivatives.e == pytest.approx(across, abs=1e-4)
-    assert derivatives.dpsi == pytest.approx(r - along / R, abs=1e-5)
-
-
-@pytest.mark.parametrize('turn', [1.0, -1.0])
-def test_edges_along_the_path_are_at_constant_offsets(turn):
-    s = np.arange(-10.0, 180.0, 0.04)
-    sides = (np.column_stack(on_circle(s, e, turn)) for e in (3.0, -4.0))
-    pieces, _ = reference_path.arcs_at(circle(turn), np.linspace(5.0, 100.0, 20))
-    edges = frenet_frame.edges_to_frenet(road_edges.build(RoadEdges(0, *sides)), pieces, 2.0)
-    assert edges.left.e == pytest.approx(np.full(20, 3.0), abs=1e-3)
-    assert edges.right.e == pytest.approx(np.full(20, -4.0), abs=1e-3)
-    assert np.abs(edges.left.slope).max() < 5e-3
-    assert np.array_equal(edges.left.s, pieces.theta)
-
-
 def test_the_offset_of_a_converging_edge_is_measured_on_the_normal_of_the_path():
     """The path runs at 20 deg through a road along x: the edge is not met where it is nearest."""
     psi, s = np.radians(20.0), np.arange(0.0, 20.0)
@@ -277,11 +250,3 @@ def test_a_moving_obstacle_moves_along_the_path_and_a_resting_one_stays():
     assert e == pytest.approx(np.full(51, 1.5), abs=1e-3)
     s, *_ = frenet_frame.disc_to_frenet(circle(), Disc(0 * t + X[0], 0 * t + Y[0], 1.0), 30.0)
     assert s == pytest.approx([30.0], abs=1e-3)
-
-
-def test_a_long_segment_is_found_although_its_ends_are_far():
-    X, Y = np.array([0.0, 100.0, 110.0, 110.0, 50.0]), np.array([0.0, 0.0, 10.0, 30.0, 40.0])
-    psi, t = np.array([0.0, 0.1, 1.2, 1.9, 3.0]), np.array([0.0, 5.0, 6.0, 7.0, 9.0])
-    path = reference_path.build(Reference(0, X, Y, psi, t))
-    point = frenet_frame.to_frenet(path, np.array([50.0]), np.array([1.0]), 40.0)
-    assert point.s[0] == pytest.approx(50.0, abs=5.0)

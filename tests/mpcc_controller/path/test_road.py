@@ -102,16 +102,6 @@ def test_an_edge_is_met_at_its_closest_chord_of_all(seed, away, count):
     assert result.kappa == pytest.approx(expected.kappa, rel=1e-9, abs=1e-9)
 
 
-def test_long_roads_are_searched_in_blocks():
-    x = np.arange(40_000) * 0.5
-    long = road(*(np.column_stack((x, 0 * x + y)) for y in (3.0, -3.0)))
-    assert long.left.discs.shape == (3, 2_500)
-    X = np.linspace(12_345.6, 12_395.6, 51)
-    left, right = road_edges.edges_near(long, X, 0 * X, 4.0)
-    assert pytest.approx(X, rel=1e-12) == left.X
-    assert pytest.approx(np.full(51, -3.0)) == right.Y
-
-
 def test_an_edge_that_doubles_back_has_a_curvature_everywhere():
     back = road([[0, 3], [10, 3], [0, 3]], [[0, -3], [10, -3]])
     edges = road_edges.edges_near(back, np.linspace(-5.0, 20.0, 26), np.zeros(26), 2.0)

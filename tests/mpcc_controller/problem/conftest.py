@@ -82,15 +82,15 @@ def scene(roads):
 def pose(world, scene):
     """Return pose(x, controller, ...) -> Posed.
 
-    The plan stays at the state x, `drives` from it along the path, or is a `guess` in the map.
+    The plan stays at the state x, or `drives` from it along the path.
     Changes are those of `world.load`; `params` replace all parameters.
     """
 
-    def make(x, name='mpcc', scene=scene, drives=False, guess=None, params=None, **changes):
+    def make(x, name='mpcc', scene=scene, drives=False, params=None, **changes):
         loaded, vehicle = world.load(name, **changes)
         params = params or loaded
         form = formulation.make(params, stage_parameters.car(params, vehicle))
-        plan = guess or Plan(np.tile(x, (N + 1, 1)), np.tile(AT_REST, (N, 1)))
+        plan = Plan(np.tile(x, (N + 1, 1)), np.tile(AT_REST, (N, 1)))
         if drives:
             plan = guesses.from_path(scene.path, x, form.car, N, DT)
         plan = guesses.start_at(plan, x)

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.problem import cost_terms
 
@@ -140,6 +141,13 @@ def test_a_soft_limit_costs_the_square_of_what_is_beyond_it(limited, vx, vy, r, 
     for name, beyond in expected.items():
         # the controller rounds the speed at its least value: 1 % at 8 m/s
         assert np.sqrt(errors[name]) == pytest.approx(max(beyond, 0.0), rel=0.02, abs=5e-3), name
+
+
+def test_the_lateral_jerk_costs_its_square(pose):
+    posed, u = pose(START, tolerances__lateral_jerk_mps3=1.0), Input(-0.3, 0.0, 0.6, 0.0)
+    jerk = float(single_track.lateral_jerk(START, u, posed.form.car))
+    assert posed.errors(u, START)['jerk'] == pytest.approx(jerk**2)
+    assert jerk < -1.0
 
 
 def test_the_front_slip_that_counts_is_that_of_the_angle_that_acts(pose, limited):

@@ -18,6 +18,7 @@ from mpcc_controller.problem.frenet_formulation import FrenetState
 from mpcc_controller.problem.obstacle_motion import Course, PredictedObstacle
 from msgs_yaml.types import Obstacles, RoadEdges
 from node_runtime.parameters import ParameterError
+from stage_solver.solution import SOLVED
 from stage_solver.stage_problem import Plan
 
 quick = settings(max_examples=30)
@@ -289,6 +290,17 @@ def test_the_friction_bounds_are_back_where_the_force_may_be(world):
     assert np.all(given_bounds.g_low[0, :2] < -1)
     assert np.all(given_bounds.g_low[force_gone:, :2] == -params.limits.friction_use)
     assert np.all(given_bounds.g_high[:, :2] == params.limits.friction_use)
+
+
+@both
+def test_a_cold_start_finds_the_plan_of_fatrop(pose, roads, name):
+    road = with_obstacles(roads['straight'], STANDING._replace(X=40.0, Y=1.9, r_obs=1.0))
+    start = State(0.0, 0.0, 0.0, 20.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    posed = pose(start, name, road, drives=True)
+    solution, reference = posed.solve(), posed.solve('fatrop')
+    assert solution.status == reference.status == SOLVED
+    assert solution.cost == pytest.approx(reference.cost, rel=1e-5)
+    assert np.allclose(solution.plan.X, reference.plan.X, rtol=1e-4, atol=1e-2)
 
 
 @pytest.mark.parametrize(('name', 'dt', 'accuracy'), [('mpcc', DT, 1e-9), ('frenet', 1e-3, 2e-6)])

@@ -1,12 +1,10 @@
 """What is wrong in a cost term is told when a controller starts, with its name and what to do."""
 
-import time
-
 import casadi as ca
 import pytest
 
 from mpcc_controller.driving.prediction_model import PredictionModel
-from mpcc_controller.problem import cost_terms, problem_check
+from mpcc_controller.problem import cost_terms
 from mpcc_controller.problem.cost_terms import CostTerm, CostTermError
 from mpcc_controller.problem.mpcc_formulation import MpccFormulation
 
@@ -97,11 +95,3 @@ def test_terms_that_contradict_each_other_or_the_parameters_are_refused(
     monkeypatch.setattr('node_runtime.parameters.Range.fault', lambda *_: '')
     with pytest.raises(CostTermError, match=message):
         start(*terms, **parameters)
-
-
-@pytest.mark.parametrize('controller', ['mpcc', 'mpcc_road', 'frenet', 'tracking'])
-def test_the_shipped_problems_are_accepted_in_a_moment(world, controller):
-    model = PredictionModel(*world.load(controller))
-    began = time.process_time()
-    problem_check.check(model.formulation, model.params)
-    assert time.process_time() - began < 0.2

@@ -1,6 +1,4 @@
-"""Slow driving: pull away, stop behind a queue and drive on, creep; cars that come in a bend."""
-
-import math
+"""Slow driving: pull away, creep, stop behind a queue or at the end of the path and drive on."""
 
 import numpy as np
 import pytest
@@ -8,9 +6,6 @@ import yaml
 from driven_setups import driven, prepare
 
 from experiments import simulation
-from experiments.families import scenario_document
-from experiments.families.scenario_document import LANE
-from mpcc_controller.path import reference_path
 from msgs_yaml.conversions import NS_PER_S
 from scenario_publisher import scenario
 
@@ -126,55 +121,3 @@ def test_it_leaves_a_stop_on_a_path_that_leads_on(stop_here):
             step.controller.set_reference(path)
     assert step.car.state.X > 100.0
     assert 0.0 < step.car.stamp_ns - left_ns < 11.0 * NS_PER_S
-
-
-ACROSS = 3.0  # m/s^2, lateral acceleration of both cars
-HALF_WIDTH = 0.925  # m, of the car
-
-
-def oncoming_in_bend(radius, side):
-    """Return the scenario of a bend to the left (side 1) or right (-1) with a car that comes.
-
-    The path is the middle of the right lane of two; they meet in the middle of the arc.
-    """
-    speed = math.sqrt(ACROSS * radius)
-    lead_in, arc = 2.5 * speed, max(30.0, 3.0 * speed)
-    bend = {'length_m': 1.5 * speed, 'start_curvature_1pm': 0.0}
-    bend['end_curvature_1pm'] = side / radius
-    back = bend | {'start_curvature_1pm': side / radius, 'end_curvature_1pm': 0.0}
-    meet = lead_in + bend['length_m'] + arc / 2
-    length = meet + max(25.0, 3.0 * speed)
-    pieces = [
-        scenario_document.straight(lead_in),
-        {'clothoid': bend},
-        {'arc': {'length_m': arc, 'curvature_1pm': side / radius}},
-        {'clothoid': back},
-        scenario_document.straight(max(length - meet - arc / 2 - bend['length_m'], 1.0)),
-    ]
-    length = sum(next(iter(piece.values()))['length_m'] for piece in pieces)
-    # both drive towards each other: it begins as far beyond the meeting point as the car before it
-    begin = min(2.0 * meet, length + speed)
-    comes = scenario_document.car(begin, LANE, -speed, motion='along_road')
-    parts = scenario_document.document(
-        description='A car comes in its own lane of a bend.',
-        length=length,
-        speed=speed,
-        segments=pieces,
-        obstacles=[comes],
-        left=1.5 * LANE,
-        right=-0.5 * LANE,
-    )
-    return scenario.parse(yaml.safe_dump(parts), 'oncoming_in_bend')
-
-
-@pytest.mark.parametrize('side', [1, -1], ids=['left', 'right'])
-@pytest.mark.parametrize('radius', [40, 80, 300])  # m
-def test_a_car_that_comes_in_its_lane_of_a_bend_is_met_in_the_own_lane(radius, side):
-    scn = oncoming_in_bend(radius, side)
-    met = driven(simulation.prepare_scenario(scn, 'mpcc_road'))
-    assert met.metrics['survived'], met.metrics['lost_by']
-    assert met.metrics['min_outline_gap_m'] > 0.5
-    path, motion = reference_path.build(scn.reference), met.drive.motion
-    for x, y in zip(motion.x[::20], motion.y[::20]):
-        foot, _ = reference_path.arcs_at(path, reference_path.project(path, x, y, None, 0.0))
-        assert np.hypot(x - foot.X, y - foot.Y) < LANE / 2 - HALF_WIDTH
