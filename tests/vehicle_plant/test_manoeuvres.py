@@ -117,6 +117,12 @@ def test_dwell_rests_at_the_second_peak_and_ends_straight():
     assert np.abs(np.diff(steer)).max() < 2 * np.pi * f_hz * 1.1e-3
 
 
+def test_phasor_finds_amplitude_and_phase_beside_a_drift():
+    t = np.arange(0, 3, 1e-3)
+    y = 0.3 * np.cos(2 * np.pi * t + 0.7) + 5 - 2 * t
+    assert manoeuvres.phasor(t, y, 1.0) == pytest.approx(0.3 * np.exp(0.7j), rel=1e-9)
+
+
 def test_reaching_is_interpolated_and_never_is_nan():
     t = np.array([0.0, 1.0, 2.0])
     assert manoeuvres.first_crossing_time(t, np.array([0.0, 0.0, 4.0]), 1.0) == pytest.approx(1.25)
