@@ -1,11 +1,12 @@
 """What ticks work with: parameters, and what is built from them once. SI units."""
 
+import copy
 import dataclasses
 import time
 from collections.abc import Callable
 
 from mpcc_controller.car_file import EMERGENCY_LIMITS
-from mpcc_controller.driving.actuator_monitor import ActuatorMonitor
+from mpcc_controller.driving.actuator_monitor import ActuatorMonitor, ActuatorState
 from mpcc_controller.driving.friction_estimate import FrictionEstimator
 from mpcc_controller.driving.gate import Gate
 from mpcc_controller.driving.prediction_model import PredictionModel
@@ -83,3 +84,21 @@ class Parts:
         )
         self.gate = self.gate._replace(limits=limits)
         self.params_to_brake = dataclasses.replace(self.params, limits=limits)
+
+    def with_brakes_left(self, actuators: ActuatorState) -> 'Parts':
+        """Return the parts of a car whose axle brakes alone beside lost brakes.
+
+        These solve with the same workspaces.
+        """
+        if not actuators.lost:
+            return self
+        parts = copy.copy(self)
+        parts.model = copy.copy(self.model)
+
+        def limited(params):
+            limits = actuators.limits_left(params.limits, self.model.car)
+            return dataclasses.replace(params, limits=limits)
+
+        parts.params = parts.model.params = limited(self.params)
+        parts.params_to_brake = limited(self.params_to_brake)
+        return parts
