@@ -43,9 +43,13 @@ STILL_MESSAGES, STILL_SHARE = 5, 0.1
 MOVED_RAD, FREE_RAD = 0.004, 0.01  # which is at least so much; one that moves by more is free
 # and was, in those that ended up to so many messages earlier: otherwise it may only be late
 LATEST = 6
+# one that followed before sticks with less than this share of what is explained by its lag, over so
+# few messages or more; it followed if in so few it was nearer to that than a share of the movement
+FOLLOWER_SHARE, FEWEST, MOST = 0.2, 3, 8
+NEAR_SHARE, NEAR_RAD = 0.3, 0.002  # which was at least so much
 # an axle of which at least so much is asked has lost its brakes if it has less than the share of it
 # and the other one at least half, in so many messages; until it brakes with half of that force
-LOST_MPS2, LOST_SHARE, LOST_MESSAGES = 0.25, 0.1, 3  # m/s^2 of the mass of the car
+LOST_MPS2, LOST_SHARE, LOST_MESSAGES = 0.15, 0.1, 3  # m/s^2 of the mass of the car
 PROBE_SHARE = 0.1  # of the force of the other one that it is asked for, so that it tells
 # a sticking steering is not asked for more than this beyond where it is: it may come free
 LEAD_RAD = 0.1
@@ -86,6 +90,7 @@ class ActuatorState(NamedTuple):
     persistences: tuple[Persistence, Persistence] = (Persistence(), Persistence())
     delay: DelayEstimate = DelayEstimate()
     sticks: bool = False  # whether the steering does not move at all
+    followed: bool = False  # whether it was seen to follow, with the delay that is believed
     lost: str = ''  # FRONT or REAR: an axle without brakes
     lost_by: tuple[str, ...] = ()  # the same, as the last messages tell it
 
@@ -134,7 +139,9 @@ class ActuatorState(NamedTuple):
         return ramp.end, ramp.lambda_b
 
     def limits_left(self, limits: Limits, car: Car) -> Limits:
-        """Return the limits of a car that brakes with the axle that is left."""
+        """Return the limits of a car that brakes with the axle that is left, on its friction."""
+        if not self.lost:
+            return limits
         share = 0.0 if self.lost == FRONT else 1.0
         left = replace(limits, brake_front_share_min=share, brake_front_share_max=share)
         return replace(left, brake_n=braking.max_braking_force(0.0, car, left))
@@ -147,10 +154,12 @@ class ActuatorState(NamedTuple):
         if not self.lost:
             return command
         lost, other = ('Fxf', 'Fxr') if self.lost == FRONT else ('Fxr', 'Fxf')
-        change = getattr(command, other) - getattr(last, other)
-        before, most = getattr(last, lost) - change, limits.force_rate_nps * step_s
-        wanted = getattr(command, lost) + PROBE_SHARE * min(getattr(command, other), 0.0)
-        return command._replace(**{lost: min(max(wanted, before - most), before + most)})
+        force, before = getattr(command, other), getattr(last, lost)
+        if before < 0:  # no axle drives while the other one is asked to brake
+            force = min(force, 0.0)
+        rest, most = before - force + getattr(last, other), limits.force_rate_nps * step_s
+        wanted = getattr(command, lost) + PROBE_SHARE * min(force, 0.0)
+        return command._replace(**{other: force, lost: min(max(wanted, rest - most), rest + most)})
 
     def target_from(
         self,
@@ -249,7 +258,9 @@ class ActuatorMonitor:
         )
         if delay.late_ns != known.delay.late_ns:  # compared anew
             persistences = (Persistence(), Persistence())
-        sticks = _sticks(delay.messages, known.sticks)
+        follows = _follows(delay.messages)
+        followed = follows or known.followed and delay.late_ns == known.delay.late_ns
+        sticks = not follows and _sticks(delay.messages, known.sticks, followed)
         lost_by = (*known.lost_by, self._lost(known.lost, actuators, ramps))[-LOST_MESSAGES:]
         is_told = len(lost_by) == LOST_MESSAGES and len({*lost_by}) == 1
         lost = lost_by[-1] if is_told else known.lost
@@ -264,7 +275,7 @@ class ActuatorMonitor:
         }
         faults = tuple(name for name, is_so in has.items() if is_so)
         check = ActuatorCheck(age_s, measured, *errors, faults, delay.late_ns)
-        known = ActuatorState(known.start, actuators, check, persistences, delay, sticks)
+        known = ActuatorState(known.start, actuators, check, persistences, delay, sticks, followed)
         return known._replace(lost=lost, lost_by=lost_by)
 
     def _lost(self, lost, actuators, ramps):
@@ -292,10 +303,25 @@ class ActuatorMonitor:
         return measured - min(max(measured, min(values)), max(values))
 
 
-def _sticks(messages, stuck):
+def _follows(messages):
+    """Return whether the steering is where its lag explains, while it moves."""
+    _, expected, errors = _steering(messages[-FEWEST:])
+    moved_rad = _range(expected)
+    return moved_rad > NEAR_RAD and max(map(abs, errors)) < NEAR_SHARE * moved_rad
+
+
+def _steering(messages):
+    """Return the angles [rad] of messages, those that the lag explains, and the differences."""
+    measured = [message.measured.delta for message in messages]
+    errors = [STEER_RAD * message.differences[0] for message in messages]
+    return measured, [a - b for a, b in zip(measured, errors)], errors
+
+
+def _sticks(messages, stuck, followed):
     """Return whether the steering stays where it is, though it is, or was, asked to move.
 
-    What follows with a delay stays as long as the set-points did earlier.
+    What follows with a delay stays as long as the set-points did earlier, unless it `followed`
+    without one.
     """
     measured = [message.measured.delta for message in messages]
     asked = [message.asked.delta for message in messages]
@@ -303,6 +329,10 @@ def _sticks(messages, stuck):
     if stuck:
         is_asked = any(abs(a - b) > MOVED_RAD for a, b in zip(asked, measured))
         return moved_rad < FREE_RAD and is_asked
+    for number in range(FEWEST, MOST + 1) if followed else ():
+        still, expected, _ = _steering(messages[-number:])
+        if _range(expected) > MOVED_RAD and _range(still) < FOLLOWER_SHARE * _range(expected):
+            return True
     if len(messages) < STILL_MESSAGES + LATEST:
         return False
     # one less than measured: a delay may end between two messages

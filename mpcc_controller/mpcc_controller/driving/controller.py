@@ -251,7 +251,7 @@ class Controller:
         """
         try:
             command_ns = self.memory.command_ns(self.parts.command_ns)
-            parts = self.parts.with_brakes_left(self.memory.actuators)
+            parts = self.parts.with_faults(self.memory.actuators, self.memory.believed)
             return stop_plan.stop_plan(record, self.car, parts.params, command_ns)
         except Exception as error:
             self.errors.add(error)
@@ -269,7 +269,7 @@ class Controller:
             prepares = self.params.solver.prepare
             if not (prepares or self.params.candidates.explore_after_command) or self.missing():
                 return 0.0
-            parts = self.parts.with_brakes_left(self.memory.actuators)
+            parts = self.parts.with_faults(self.memory.actuators, self.memory.believed)
             self.memory = planner.explore(self.memory, parts)
             if prepares:
                 begin_ns = self.memory.ramp.begin_ns

@@ -85,20 +85,28 @@ class Parts:
         self.gate = self.gate._replace(limits=limits)
         self.params_to_brake = dataclasses.replace(self.params, limits=limits)
 
-    def with_brakes_left(self, actuators: ActuatorState) -> 'Parts':
-        """Return the parts of a car whose axle brakes alone beside lost brakes.
+    def with_faults(self, actuators: ActuatorState, believed: float) -> 'Parts':
+        """Return the parts of a car on a friction that brakes in spite of faults.
 
-        These solve with the same workspaces.
+        Beside lost brakes the other axle brakes alone; who cannot steer brakes as fast as the axles
+        can. The parts solve with the same workspaces.
         """
-        if not actuators.lost:
+        if not (actuators.lost or actuators.sticks):
             return self
         parts = copy.copy(self)
         parts.model = copy.copy(self.model)
 
         def limited(params):
-            limits = actuators.limits_left(params.limits, self.model.car)
+            limits = actuators.limits_left(params.limits, self.model.car_to_brake(believed))
             return dataclasses.replace(params, limits=limits)
 
         parts.params = parts.model.params = limited(self.params)
         parts.params_to_brake = limited(self.params_to_brake)
+        if actuators.sticks:
+            rate = max(self.gate.axle_rate_nps, self.gate.limits.force_rate_nps)
+            quick = dataclasses.replace(parts.params_to_brake.limits, force_rate_nps=rate)
+            parts.params_to_brake = dataclasses.replace(parts.params_to_brake, limits=quick)
+            parts.gate = self.gate._replace(
+                limits=dataclasses.replace(self.gate.limits, force_rate_nps=rate)
+            )
         return parts

@@ -89,7 +89,7 @@ def tick(
     """Return the command that answers a state, with everything that led to it."""
     began, before = parts.clock(), memory
     memory, now, friction = _sense(memory, inputs, scene, parts)
-    parts = parts.with_brakes_left(memory.actuators)
+    parts = parts.with_faults(memory.actuators, memory.believed)
     # guess, solve and choose, or take a lower level of the ladder
     memory, decision, x0, attempt = _decide(memory, now, inputs.fault, parts)
     memory, command, line = _act(memory, decision, attempt is not None, now, parts)
