@@ -43,10 +43,11 @@ STILL_MESSAGES, STILL_SHARE = 5, 0.1
 MOVED_RAD, FREE_RAD = 0.004, 0.01  # which is at least so much; one that moves by more is free
 # and was, in those that ended up to so many messages earlier: otherwise it may only be late
 LATEST = 6
-# one that followed before sticks with less than this share of what is explained by its lag, over so
-# few messages or more; it followed if in so few it was nearer to that than a share of the movement
-FOLLOWER_SHARE, FEWEST, MOST = 0.2, 3, 8
-NEAR_SHARE, NEAR_RAD = 0.3, 0.002  # which was at least so much
+# one that followed before is not late: it sticks with less than this share of what its lag explains
+# in so few messages or more; it followed if in so few it was nearer to that than a share of the
+# movement, which was at least so much
+FOLLOWER_SHARE, FEW_MESSAGES, MOST_MESSAGES = 0.2, 3, 8
+NEAR_SHARE, NEAR_RAD = 0.3, 0.002
 # an axle of which at least so much is asked has lost its brakes if it has less than the share of it
 # and the other one at least half, in so many messages; until it brakes with half of that force
 LOST_MPS2, LOST_SHARE, LOST_MESSAGES = 0.15, 0.1, 3  # m/s^2 of the mass of the car
@@ -90,7 +91,7 @@ class ActuatorState(NamedTuple):
     persistences: tuple[Persistence, Persistence] = (Persistence(), Persistence())
     delay: DelayEstimate = DelayEstimate()
     sticks: bool = False  # whether the steering does not move at all
-    followed: bool = False  # whether it was seen to follow, with the delay that is believed
+    followed: bool = False  # whether it was seen to follow without a delay
     lost: str = ''  # FRONT or REAR: an axle without brakes
     lost_by: tuple[str, ...] = ()  # the same, as the last messages tell it
 
@@ -258,8 +259,9 @@ class ActuatorMonitor:
         )
         if delay.late_ns != known.delay.late_ns:  # compared anew
             persistences = (Persistence(), Persistence())
-        follows = _follows(delay.messages)
-        followed = follows or known.followed and delay.late_ns == known.delay.late_ns
+        follows = _follows(delay.messages[-FEW_MESSAGES:])
+        # what is found of a delay is not exact
+        followed = not delay.late_ns and (follows or known.followed)
         sticks = not follows and _sticks(delay.messages, known.sticks, followed)
         lost_by = (*known.lost_by, self._lost(known.lost, actuators, ramps))[-LOST_MESSAGES:]
         is_told = len(lost_by) == LOST_MESSAGES and len({*lost_by}) == 1
@@ -279,7 +281,7 @@ class ActuatorMonitor:
         return known._replace(lost=lost, lost_by=lost_by)
 
     def _lost(self, lost, actuators, ramps):
-        """Return the axle without brakes as a message tells it; the known one if it tells nothing."""
+        """Return the axle without brakes as a message tells it: also the known one for nothing."""
         brakes = {FRONT: -actuators.Fxf, REAR: -actuators.Fxr}
         if lost:
             return '' if brakes[lost] > self._least_n / 2 else lost
@@ -303,35 +305,37 @@ class ActuatorMonitor:
         return measured - min(max(measured, min(values)), max(values))
 
 
+def _explained(messages):
+    """Return the steering angles [rad] that its lag explains in messages."""
+    return [m.measured.delta - STEER_RAD * m.differences[0] for m in messages]
+
+
 def _follows(messages):
     """Return whether the steering is where its lag explains, while it moves."""
-    _, expected, errors = _steering(messages[-FEWEST:])
-    moved_rad = _range(expected)
-    return moved_rad > NEAR_RAD and max(map(abs, errors)) < NEAR_SHARE * moved_rad
-
-
-def _steering(messages):
-    """Return the angles [rad] of messages, those that the lag explains, and the differences."""
-    measured = [message.measured.delta for message in messages]
-    errors = [STEER_RAD * message.differences[0] for message in messages]
-    return measured, [a - b for a, b in zip(measured, errors)], errors
+    moved_rad = _range(_explained(messages))
+    farthest_rad = STEER_RAD * max(abs(message.differences[0]) for message in messages)
+    return moved_rad > NEAR_RAD and farthest_rad < NEAR_SHARE * moved_rad
 
 
 def _sticks(messages, stuck, followed):
     """Return whether the steering stays where it is, though it is, or was, asked to move.
 
-    What follows with a delay stays as long as the set-points did earlier, unless it `followed`
-    without one.
+    What follows with a delay stays as long as the set-points did earlier; one that `followed` has
+    none.
     """
     measured = [message.measured.delta for message in messages]
     asked = [message.asked.delta for message in messages]
     moved_rad = _range(measured[-STILL_MESSAGES:])
     if stuck:
         is_asked = any(abs(a - b) > MOVED_RAD for a, b in zip(asked, measured))
-        return moved_rad < FREE_RAD and is_asked
-    for number in range(FEWEST, MOST + 1) if followed else ():
-        still, expected, _ = _steering(messages[-number:])
-        if _range(expected) > MOVED_RAD and _range(still) < FOLLOWER_SHARE * _range(expected):
+        return _range(measured[-FEW_MESSAGES:]) < FREE_RAD and is_asked
+    for number in range(FEW_MESSAGES, MOST_MESSAGES + 1) if followed else ():
+        still, explained = measured[-number:], _explained(messages[-number:])
+        early_rad, whole_rad = (abs(explained[k] - explained[0]) for k in (-2, -1))
+        # one that is a little late stands still when a movement begins, and at a turn
+        is_late = early_rad < NEAR_SHARE * whole_rad
+        is_late |= abs(still[0] - explained[0]) > NEAR_SHARE * whole_rad
+        if not is_late and whole_rad > MOVED_RAD and _range(still) < FOLLOWER_SHARE * whole_rad:
             return True
     if len(messages) < STILL_MESSAGES + LATEST:
         return False

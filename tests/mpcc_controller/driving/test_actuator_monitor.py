@@ -97,7 +97,7 @@ def watch_delayed(vehicle, points, delay_ms, damping, off_rad=0.0):
         yield watch.state
 
 
-@pytest.mark.parametrize('delay_ms', [0, 60])
+@pytest.mark.parametrize('delay_ms', [0, 10, 25, 40, 60])
 @pytest.mark.parametrize('damping', [0.7, 2.0])
 def test_no_lag_and_no_short_delay_of_any_manoeuvre_is_a_fault(vehicle, delay_ms, damping):
     for points in manoeuvres():
