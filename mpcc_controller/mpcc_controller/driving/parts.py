@@ -93,20 +93,16 @@ class Parts:
         """
         if not (actuators.lost or actuators.sticks):
             return self
-        parts = copy.copy(self)
+        parts, car = copy.copy(self), self.model.car_to_brake(believed)
         parts.model = copy.copy(self.model)
 
-        def limited(params):
-            limits = actuators.limits_left(params.limits, self.model.car_to_brake(believed))
+        def limited(params, **rates):
+            limits = dataclasses.replace(actuators.limits_left(params.limits, car), **rates)
             return dataclasses.replace(params, limits=limits)
 
+        rates = {'force_rate_nps': self.gate.axle_rate_nps} if actuators.sticks else {}
         parts.params = parts.model.params = limited(self.params)
-        parts.params_to_brake = limited(self.params_to_brake)
-        if actuators.sticks:
-            rate = max(self.gate.axle_rate_nps, self.gate.limits.force_rate_nps)
-            quick = dataclasses.replace(parts.params_to_brake.limits, force_rate_nps=rate)
-            parts.params_to_brake = dataclasses.replace(parts.params_to_brake, limits=quick)
-            parts.gate = self.gate._replace(
-                limits=dataclasses.replace(self.gate.limits, force_rate_nps=rate)
-            )
+        parts.params_to_brake = limited(self.params_to_brake, **rates)
+        limits = dataclasses.replace(self.gate.limits, **rates)
+        parts.gate = self.gate._replace(limits=limits)
         return parts
