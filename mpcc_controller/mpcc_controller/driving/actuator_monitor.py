@@ -16,11 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mpcc_controller.driving import braking, setpoints
-from mpcc_controller.driving.delay_compensation import (
-    SetpointRamp,
-    constant_ramp,
-    setpoints_at,
-)
+from mpcc_controller.driving.delay_compensation import SetpointRamp, constant_ramp, setpoints_at
 from mpcc_controller.driving.late_setpoints import DelayEstimate, DelayEstimator
 from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
 from mpcc_controller.model import single_track
