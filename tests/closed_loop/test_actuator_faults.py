@@ -91,9 +91,13 @@ def test_a_sticking_steering_is_reported_and_the_car_stops(scenario, controller,
     end_s = begins_s + 1.5
     stuck = drive_faulty(scenario, controller, end_s, steer_stuck=True, from_s=begins_s)
     first = faults(stuck).index('steer')
-    assert begins_s < TICK_S * first <= begins_s + 0.5
+    assert begins_s < TICK_S * first <= begins_s + 0.2
     assert {report['reason'] for report in stuck.reports[first:]} == {'steering_sticks'}
     odometry = stuck.columns['/vehicle/odometry']
+    forces = stuck.columns['/vehicle/actuators']
+    half_s = TICK_S * first + 0.2  # the brakes are applied faster than by a car that steers
+    half_n = np.interp(half_s, forces.t_s, forces.front_x_n + forces.rear_x_n)
+    assert half_n < -0.5 * 9.81 * stuck.setup.vehicle.car.mass_kg
     begins_s = TICK_S * first + 0.5  # then the brakes have their force
     early, late = np.interp([begins_s, begins_s + 0.5], odometry.t_s, odometry.vx_mps)
     assert late == 0.0 or early - late > 0.5 * 6.0
@@ -112,6 +116,8 @@ def test_the_report_ends_when_the_steering_comes_free():
         ('closed_road', 'mpcc', WEAK_BRAKES, Simulator, 'force'),
         (DOUBLE, 'mpcc', {}, DriverBrakes, 'force'),
         ('closed_road', 'mpcc_road', {'delay_ms': 150}, Simulator, 'late'),
+        ('stop_and_go', 'mpcc_road', {'front_force_share': 0.0}, Simulator, 'front'),
+        ('stop_and_go', 'mpcc_road', {'rear_force_share': 0.0}, Simulator, 'rear'),
     ],
 )
 def test_it_survives_what_it_does_not_survive_without_comparing(

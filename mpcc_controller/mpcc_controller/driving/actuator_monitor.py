@@ -5,26 +5,29 @@ the last while. One that is beyond these for longer does not do what is asked of
 weaker, or somebody else moves it. Plans then begin where it is.
 
 Set-points that all arrive late are another fault (`late_setpoints`). Plans then begin when they
-arrive.
+arrive. An axle that does not brake beside one that does has lost its brakes. From then on forces
+are those of the other one alone: ramps, plans, and the laws without a plan.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller.driving import setpoints
-from mpcc_controller.driving.delay_compensation import SetpointRamp, setpoints_at
+from mpcc_controller.driving import braking, setpoints
+from mpcc_controller.driving.delay_compensation import SetpointRamp, constant_ramp, setpoints_at
 from mpcc_controller.driving.late_setpoints import DelayEstimate, DelayEstimator
 from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Car
 from mpcc_controller.parameters import CarParams, Limits
 from msgs_yaml.conversions import NS_PER_S, ns_to_s
-from msgs_yaml.types import Actuators
+from msgs_yaml.types import Actuators, Command
 
 FAULT = 'actuators.fault'  # in the report
 STEER, FORCE, LATE = 'steer', 'force', 'late'  # its words
+FRONT, REAR = 'front', 'rear'  # likewise: the brakes of this axle are lost
 STEER_RAD = 0.012  # at the road wheel: three standard deviations of a cheap sensor's offset
 FORCE_MPS2 = 1.0  # of the mass of the car
 CONFIRM_S, CLEAR_S = 0.18, 1.0  # four ticks in a row; a manoeuvre without a difference
@@ -36,6 +39,15 @@ STILL_MESSAGES, STILL_SHARE = 5, 0.1
 MOVED_RAD, FREE_RAD = 0.004, 0.01  # which is at least so much; one that moves by more is free
 # and was, in those that ended up to so many messages earlier: otherwise it may only be late
 LATEST = 6
+# one that followed before is not late: it sticks with less than this share of what its lag explains
+# in so few messages or more; it followed if in so few it was nearer to that than a share of the
+# movement, which was at least so much
+FOLLOWER_SHARE, FEW_MESSAGES, MOST_MESSAGES = 0.2, 3, 8
+NEAR_SHARE, NEAR_RAD = 0.3, 0.002
+# an axle of which at least so much is asked has lost its brakes if it has less than the share of it
+# and the other one at least half, in so many messages; until it brakes with half of that force
+LOST_MPS2, LOST_SHARE, LOST_MESSAGES = 0.15, 0.1, 3  # m/s^2 of the mass of the car
+PROBE_SHARE = 0.1  # of the force of the other one that it is asked for, so that it tells
 # a sticking steering is not asked for more than this beyond where it is: it may come free
 LEAD_RAD = 0.1
 
@@ -47,7 +59,7 @@ class ActuatorCheck(NamedTuple):
     measured: Setpoints
     steer_error: float  # rad beyond the set-points of the last while, 0 within them
     force_error: float  # N, the same
-    faults: tuple[str, ...]  # of STEER, FORCE, LATE
+    faults: tuple[str, ...]  # of STEER, FORCE, LATE, FRONT, REAR
     late_ns: int  # delay of the set-points beyond what is known
 
 
@@ -75,10 +87,13 @@ class ActuatorState(NamedTuple):
     persistences: tuple[Persistence, Persistence] = (Persistence(), Persistence())
     delay: DelayEstimate = DelayEstimate()
     sticks: bool = False  # whether the steering does not move at all
+    followed: bool = False  # whether it was seen to follow without a delay
+    lost: str = ''  # FRONT or REAR: an axle without brakes
+    lost_by: tuple[str, ...] = ()  # the same, as the last messages tell it
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """What does not follow, of STEER and FORCE, and whether all set-points are LATE."""
+        """What does not follow, of STEER and FORCE, LATE set-points, and FRONT or REAR."""
         return self.check.faults if self.check else ()
 
     @property
@@ -105,6 +120,43 @@ class ActuatorState(NamedTuple):
             ramp._replace(begin=ramp.begin._replace(**held), end=ramp.end._replace(**held))
             for ramp in ramps
         )
+
+    def left_of(self, ramp: SetpointRamp) -> SetpointRamp:
+        """Return a ramp of what the other axle brakes with beside lost brakes."""
+        if not self.lost:
+            return ramp
+        front = 0.0 if self.lost == FRONT else 1.0
+        share = ramp.lambda_b if front else 1 - ramp.lambda_b
+        ends = [p._replace(Fx=share * p.Fx if p.Fx < 0 else p.Fx) for p in (ramp.begin, ramp.end)]
+        return ramp._replace(begin=ends[0], end=ends[1], lambda_b=front)
+
+    def setpoints_of(self, command: Command, car: Car) -> tuple[Setpoints, float]:
+        """Return `setpoints.setpoints_of` of a command without lost brakes."""
+        ramp = self.left_of(constant_ramp(*setpoints.setpoints_of(command, car)))
+        return ramp.end, ramp.lambda_b
+
+    def limits_left(self, limits: Limits, car: Car) -> Limits:
+        """Return the limits of a car that brakes with the axle that is left, on its friction."""
+        if not self.lost:
+            return limits
+        share = 0.0 if self.lost == FRONT else 1.0
+        left = replace(limits, brake_front_share_min=share, brake_front_share_max=share)
+        return replace(left, brake_n=braking.max_braking_force(0.0, car, left))
+
+    def probing(self, command: Command, last: Command, limits: Limits, step_s: float) -> Command:
+        """Return a command that asks lost brakes for a little, to see whether they are back.
+
+        That is reached from the `last` command within the rate limit of the whole force.
+        """
+        if not self.lost:
+            return command
+        lost, other = ('Fxf', 'Fxr') if self.lost == FRONT else ('Fxr', 'Fxf')
+        force, before = getattr(command, other), getattr(last, lost)
+        if before < 0:  # no axle drives while the other one is asked to brake
+            force = min(force, 0.0)
+        rest, most = before - force + getattr(last, other), limits.force_rate_nps * step_s
+        wanted = getattr(command, lost) + PROBE_SHARE * min(force, 0.0)
+        return command._replace(**{other: force, lost: min(max(wanted, rest - most), rest + most)})
 
     def target_from(
         self,
@@ -146,6 +198,8 @@ class ActuatorState(NamedTuple):
         texts = {
             STEER: f'{angle}, {check.steer_error:+.3f} rad {off}',
             FORCE: f'force {check.measured.Fx:.0f} N, {check.force_error:+.0f} N {off}',
+            FRONT: 'the brakes in front are lost, the car brakes with those of the rear axle',
+            REAR: 'the brakes of the rear axle are lost, the car brakes with those in front',
             LATE: f'set-points arrive {1e3 * ns_to_s(check.late_ns):.0f} ms late, plans begin then',
         }
         if self.sticks:
@@ -163,6 +217,7 @@ class ActuatorMonitor:
         windows_s = (LAGS * lag + UNANNOUNCED_S for lag in self.lags)
         self._windows_ns = [round(window_s * NS_PER_S) for window_s in windows_s]
         self._thresholds = STEER_RAD, FORCE_MPS2 * vehicle.car.mass_kg
+        self._least_n = LOST_MPS2 * vehicle.car.mass_kg
         self._delays = DelayEstimator(self.lags, self._thresholds)
         self.memory_s = max(self._windows_ns) / NS_PER_S + OLDEST_S  # of set-points
 
@@ -176,14 +231,14 @@ class ActuatorMonitor:
         """Compare a message at its own stamp, and return what is known.
 
         Without a message that is the last check, until it is too old: a topic that falls silent
-        counts as one that nobody publishes. A delay that was found stays.
+        counts as one that nobody publishes. A delay that was found stays, and so do lost brakes.
         """
         last = known.last
         if actuators is None or not _is_recent(actuators, state_ns):
             if last is None:
                 return known
             if not _is_recent(last, state_ns):
-                return ActuatorState(delay=known.delay)
+                return ActuatorState(delay=known.delay, lost=known.lost)
             return known._replace(check=known.check._replace(age_s=None))
         age_s = (state_ns - actuators.stamp_ns) / NS_PER_S
         if last is not None and actuators.stamp_ns <= last.stamp_ns:  # the same message again
@@ -200,11 +255,40 @@ class ActuatorMonitor:
         )
         if delay.late_ns != known.delay.late_ns:  # compared anew
             persistences = (Persistence(), Persistence())
-        sticks = _sticks(delay.messages, known.sticks)
-        has = (persistences[0].holds or sticks, persistences[1].holds, bool(delay.late_ns))
-        faults = tuple(name for name, is_so in zip((STEER, FORCE, LATE), has) if is_so)
+        follows = _follows(delay.messages[-FEW_MESSAGES:])
+        # what is found of a delay is not exact
+        followed = not delay.late_ns and (follows or known.followed)
+        sticks = not follows and _sticks(delay.messages, known.sticks, followed)
+        lost_by = (*known.lost_by, self._lost(known.lost, actuators, ramps))[-LOST_MESSAGES:]
+        is_told = len(lost_by) == LOST_MESSAGES and len({*lost_by}) == 1
+        lost = lost_by[-1] if is_told else known.lost
+        if lost != known.lost:  # other forces are compared from now on
+            persistences = (persistences[0], Persistence())
+            delay = delay._replace(messages=())
+        has = {
+            STEER: persistences[0].holds or sticks,
+            FORCE: persistences[1].holds,
+            LATE: bool(delay.late_ns),
+            lost: bool(lost),
+        }
+        faults = tuple(name for name, is_so in has.items() if is_so)
         check = ActuatorCheck(age_s, measured, *errors, faults, delay.late_ns)
-        return ActuatorState(known.start, actuators, check, persistences, delay, sticks)
+        known = ActuatorState(known.start, actuators, check, persistences, delay, sticks, followed)
+        return known._replace(lost=lost, lost_by=lost_by)
+
+    def _lost(self, lost, actuators, ramps):
+        """Return the axle without brakes as a message tells it: also the known one for nothing."""
+        brakes = {FRONT: -actuators.Fxf, REAR: -actuators.Fxr}
+        if lost:
+            return '' if brakes[lost] > self._least_n / 2 else lost
+        lag_ns = round(self.lags[1] * NS_PER_S)
+        (_, Fx), lambda_b = setpoints_at(ramps, actuators.stamp_ns - lag_ns)
+        asked = {FRONT: -lambda_b * Fx, REAR: -(1 - lambda_b) * Fx}
+        if min(asked.values()) < self._least_n:
+            return ''
+        shares = {axle: brakes[axle] / asked[axle] for axle in asked}
+        least = min(shares, key=shares.get)
+        return least if shares[least] < LOST_SHARE and max(shares.values()) > 0.5 else ''
 
     def _error(self, i, measured, start, ramps, stamp_ns):
         """Return by how much a measured value is beyond the set-points of the last while."""
@@ -217,17 +301,38 @@ class ActuatorMonitor:
         return measured - min(max(measured, min(values)), max(values))
 
 
-def _sticks(messages, stuck):
+def _explained(messages):
+    """Return the steering angles [rad] that its lag explains in messages."""
+    return [m.measured.delta - STEER_RAD * m.differences[0] for m in messages]
+
+
+def _follows(messages):
+    """Return whether the steering is where its lag explains, while it moves."""
+    moved_rad = _range(_explained(messages))
+    farthest_rad = STEER_RAD * max(abs(message.differences[0]) for message in messages)
+    return moved_rad > NEAR_RAD and farthest_rad < NEAR_SHARE * moved_rad
+
+
+def _sticks(messages, stuck, followed):
     """Return whether the steering stays where it is, though it is, or was, asked to move.
 
-    What follows with a delay stays as long as the set-points did earlier.
+    What follows with a delay stays as long as the set-points did earlier; one that `followed` has
+    none.
     """
     measured = [message.measured.delta for message in messages]
     asked = [message.asked.delta for message in messages]
     moved_rad = _range(measured[-STILL_MESSAGES:])
     if stuck:
         is_asked = any(abs(a - b) > MOVED_RAD for a, b in zip(asked, measured))
-        return moved_rad < FREE_RAD and is_asked
+        return _range(measured[-FEW_MESSAGES:]) < FREE_RAD and is_asked
+    for number in range(FEW_MESSAGES, MOST_MESSAGES + 1) if followed else ():
+        still, explained = measured[-number:], _explained(messages[-number:])
+        early_rad, whole_rad = (abs(explained[k] - explained[0]) for k in (-2, -1))
+        # one that is a little late stands still when a movement begins, and at a turn
+        is_late = early_rad < NEAR_SHARE * whole_rad
+        is_late |= abs(still[0] - explained[0]) > NEAR_SHARE * whole_rad
+        if not is_late and whole_rad > MOVED_RAD and _range(still) < FOLLOWER_SHARE * whole_rad:
+            return True
     if len(messages) < STILL_MESSAGES + LATEST:
         return False
     # one less than measured: a delay may end between two messages

@@ -5,6 +5,7 @@ the lateral force comes first, the brakes get the rest. The line is the last goo
 """
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -42,7 +43,8 @@ def braking_target(
 
     Both set-points respect their rate limits. With a state that is not finite the car brakes
     straight on, as without lateral motion. The brakes of a car that does not steer when asked to
-    (`steers`) get all friction: what they take of it straightens its course.
+    (`steers`) get all friction: what they take of it straightens its course. Where the line bends
+    further than the car does, they leave what it needs to go on as it does.
     """
     limits, step_s = params.limits, params.model.step_s
     known = all(map(math.isfinite, x))
@@ -50,7 +52,12 @@ def braking_target(
     lateral = lateral_acceleration(x, lookahead, max_lateral) if known and lookahead else 0.0
     present = min(abs(x.vx * x.r), max_lateral) if known else 0.0
     force_step = limits.force_rate_nps * step_s
-    Fx = -max_braking_force(max(abs(lateral), present) if steers else 0.0, car, limits)
+    reserved = max(abs(lateral), present)
+    if not steers and lateral * x.r > 0 and abs(lateral) > present:
+        reserved = present
+    elif not steers:
+        reserved, limits = 0.0, replace(limits, friction_use=1.0)
+    Fx = -max_braking_force(reserved, car, limits)
     Fx = min(max(Fx, now.Fx - force_step), now.Fx + force_step)
     lambda_b = setpoints.split_within_friction(
         setpoints.allowed_split(Fx, car, limits), Fx, car, limits

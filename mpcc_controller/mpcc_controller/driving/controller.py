@@ -249,7 +249,8 @@ class Controller:
         """
         try:
             command_ns = self.memory.command_ns(self.parts.command_ns)
-            return stop_plan.stop_plan(record, self.car, self.params, command_ns)
+            parts = self.parts.with_faults(self.memory.actuators, self.memory.believed)
+            return stop_plan.stop_plan(record, self.car, parts.params, command_ns)
         except Exception as error:
             self.errors.add(error)
             return None
@@ -266,12 +267,13 @@ class Controller:
             prepares = self.params.solver.prepare
             if not (prepares or self.params.candidates.explore_after_command) or self.missing():
                 return 0.0
-            self.memory = planner.explore(self.memory, self.parts)
+            parts = self.parts.with_faults(self.memory.actuators, self.memory.believed)
+            self.memory = planner.explore(self.memory, parts)
             if prepares:
                 begin_ns = self.memory.ramp.begin_ns
                 next_ns = conversions.add_seconds(begin_ns, self.params.model.step_s)
                 world = obstacle_prediction.scene_at(self.memory.tracks, self.scene, next_ns)
-                self.memory = planner.prepare(self.memory, world, self.parts)
+                self.memory = planner.prepare(self.memory, world, parts)
         except Exception as error:
             self.errors.add(error)
             self.memory = self.memory._replace(prepared=None)
@@ -308,7 +310,7 @@ class Controller:
 
     def set_last_command(self, command: Command) -> None:
         """Continue from `command` instead of the last one returned (replay)."""
-        end, lambda_b = setpoints.setpoints_of(command, self.car)
+        end, lambda_b = self.memory.actuators.setpoints_of(command, self.car)
         active = self.memory.ramp._replace(end=end, lambda_b=lambda_b)
         ramps = (*self.memory.ramps[:-1], active)
         self.memory = self.memory._replace(last=command, ramps=ramps)

@@ -1,11 +1,12 @@
 """What ticks work with: parameters, and what is built from them once. SI units."""
 
+import copy
 import dataclasses
 import time
 from collections.abc import Callable
 
 from mpcc_controller.car_file import EMERGENCY_LIMITS
-from mpcc_controller.driving.actuator_monitor import ActuatorMonitor
+from mpcc_controller.driving.actuator_monitor import ActuatorMonitor, ActuatorState
 from mpcc_controller.driving.friction_estimate import FrictionEstimator
 from mpcc_controller.driving.gate import Gate
 from mpcc_controller.driving.prediction_model import PredictionModel
@@ -83,3 +84,25 @@ class Parts:
         )
         self.gate = self.gate._replace(limits=limits)
         self.params_to_brake = dataclasses.replace(self.params, limits=limits)
+
+    def with_faults(self, actuators: ActuatorState, believed: float) -> 'Parts':
+        """Return the parts of a car on a friction that brakes in spite of faults.
+
+        Beside lost brakes the other axle brakes alone; who cannot steer brakes as fast as the axles
+        can. The parts solve with the same workspaces.
+        """
+        if not (actuators.lost or actuators.sticks):
+            return self
+        parts, car = copy.copy(self), self.model.car_to_brake(believed)
+        parts.model = copy.copy(self.model)
+
+        def limited(params, **rates):
+            limits = dataclasses.replace(actuators.limits_left(params.limits, car), **rates)
+            return dataclasses.replace(params, limits=limits)
+
+        rates = {'force_rate_nps': self.gate.axle_rate_nps} if actuators.sticks else {}
+        parts.params = parts.model.params = limited(self.params)
+        parts.params_to_brake = limited(self.params_to_brake, **rates)
+        limits = dataclasses.replace(self.gate.limits, **rates)
+        parts.gate = self.gate._replace(limits=limits)
+        return parts

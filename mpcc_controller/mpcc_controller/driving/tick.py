@@ -88,6 +88,7 @@ def tick(
     """Return the command that answers a state, with everything that led to it."""
     began, before = parts.clock(), memory
     memory, now, friction = _sense(memory, inputs, scene, parts)
+    parts = parts.with_faults(memory.actuators, memory.believed)
     # guess, solve and choose, or take a lower level of the ladder
     memory, decision, x0, attempt = _decide(memory, now, inputs.fault, parts)
     memory, command, line = _act(memory, decision, attempt is not None, now, parts)
@@ -202,6 +203,8 @@ def _sense(
     if actuators.delay.late_ns != memory.actuators.delay.late_ns:
         later_ns = actuators.delay.late_ns - memory.actuators.delay.late_ns
         memory = memory._replace(ramps=shifted(memory.ramps, later_ns))
+    if actuators.lost != memory.actuators.lost:
+        memory = memory._replace(ramps=tuple(map(actuators.left_of, memory.ramps)))
     memory = memory._replace(actuators=actuators)
     command_ns = memory.command_ns(parts.command_ns)
     if effective_ns is None:  # not known: when it is expected
@@ -321,6 +324,7 @@ def _act(
     sent = memory.ramp.end
     target = memory.actuators.target_from(target, start, sent, modelled, limits, step_s)
     command = setpoints.command_to(target, sent, modelled, step_s, measured.stamp_ns)
+    command = memory.actuators.probing(command, memory.last, limits, step_s)
     return memory, command, line
 
 
@@ -329,7 +333,7 @@ def _remember(memory: Memory, command: Command, decision, effective_ns, rejectio
     step_s, modelled = parts.params.model.step_s, parts.model.car_on(memory.believed)
     command_ns = memory.command_ns(parts.command_ns)
     due_ns = max(add_seconds(command.stamp_ns, step_s) + command_ns, effective_ns)
-    end, lambda_b = setpoints.setpoints_of(command, modelled)
+    end, lambda_b = memory.actuators.setpoints_of(command, modelled)
     ramp = SetpointRamp(effective_ns, memory.ramp.end, due_ns, end, lambda_b)
     # The next tick predicts from a later state, or from the last one that was known. Actuators and
     # friction are compared with set-points from before it.

@@ -4,7 +4,7 @@ The constrained quantities are those of `ocp.constraints`; the row of the road e
 `constraints` of a formulation (`mpcc_formulation.py`, `frenet_formulation.py`).
 """
 
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from mpcc_controller.parameters import Limits
 from stage_solver.stage_problem import Bounds
 
 AXLES = 2  # front and rear: the first rows of g, shares of their friction
+KEPT = 64  # sets of limits: with lost brakes they change with the friction that is believed
 MARGIN = 1e-3  # relative, between a state that cannot be changed and its bound
 
 
@@ -44,7 +45,7 @@ def build(
     )
 
 
-@cache
+@lru_cache(KEPT)
 def _without_friction(limits, horizon, state, circles) -> Bounds:
     """Return the bounds that are equal at all times, as arrays that cannot be changed."""
     free = np.inf

@@ -1,5 +1,6 @@
 """Set-points against measured actuators: what counts as a fault, and what is sent then."""
 
+import dataclasses
 import itertools
 from types import SimpleNamespace
 
@@ -9,8 +10,10 @@ import pytest
 from mpcc_controller.driving.actuator_monitor import (
     FAULT,
     FORCE,
+    FRONT,
     LATE,
     LEAD_RAD,
+    REAR,
     STEER,
     STEER_RAD,
     ActuatorMonitor,
@@ -19,7 +22,8 @@ from mpcc_controller.driving.actuator_monitor import (
 from mpcc_controller.driving.delay_compensation import SetpointRamp, constant_ramp, shifted
 from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
-from msgs_yaml.types import Actuators
+from mpcc_controller.model import single_track
+from msgs_yaml.types import Actuators, Command
 
 TICK, MS = 50_000_000, 1_000_000
 TICK_S, MS_S = 0.05, 1e-3
@@ -97,7 +101,7 @@ def watch_delayed(vehicle, points, delay_ms, damping, off_rad=0.0):
         yield watch.state
 
 
-@pytest.mark.parametrize('delay_ms', [0, 60])
+@pytest.mark.parametrize('delay_ms', [0, 10, 25, 40, 60])
 @pytest.mark.parametrize('damping', [0.7, 2.0])
 def test_no_lag_and_no_short_delay_of_any_manoeuvre_is_a_fault(vehicle, delay_ms, damping):
     for points in manoeuvres():
@@ -136,6 +140,90 @@ def test_a_steering_that_does_not_move_sticks_until_it_moves_and_is_not_late(veh
     assert watch.state.sticks, 'noise'
     watch.update(message(21 * TICK, 0.02), ramps, 21 * TICK)
     assert not watch.state.sticks
+
+
+@pytest.mark.parametrize('noise_rad', [0.0, 0.0003])
+def test_a_steering_that_followed_sticks_two_ticks_after_it_stopped(vehicle, noise_rad):
+    rng = np.random.default_rng(5)
+    points = [Setpoints(0.01 * k, 0.0) for k in range(30)]
+    lag_s = vehicle.actuators.steer_lag_s
+    t = np.arange(0, 29 * TICK_S, MS_S)
+    asked = np.interp(t, TICK_S * np.arange(30), [point.delta for point in points])
+    angles = follow(np.minimum(asked, asked[15 * 50]), lag_s, 0.7)[::50]
+    watch, ramps, found = Watch(vehicle), [*AT_REST], []
+    for k, (begin, end) in enumerate(itertools.pairwise(points)):
+        ramps.append(SetpointRamp(k * TICK, begin, (k + 1) * TICK, end, 0.6))
+        angle = angles[k] + noise_rad * rng.standard_normal()
+        watch.update(message(k * TICK, angle), ramps, k * TICK)
+        found.append(watch.state.sticks)
+    # the servo ends its movement in two ticks; what it moved before does not make it free again
+    assert found == [False] * 18 + [True] * 11
+
+
+@pytest.fixture
+def axles(vehicle):
+    """Return what is known after ticks that ask for a force, of which the axles give shares."""
+    watch = Watch(vehicle)
+
+    def brake(ticks, asked_n, front, rear):
+        ramps = [constant_ramp(Setpoints(0.0, asked_n), 0.6)]
+        begin = watch.state.last.stamp_ns // TICK + 1 if watch.state.last else 0
+        for k in range(begin, begin + ticks):
+            forces = front * 0.6 * asked_n, rear * 0.4 * asked_n
+            watch.update(Actuators(k * TICK, 0.0, 0.0, *forces, (0.0,) * 4), ramps, k * TICK)
+        return watch.state
+
+    return brake
+
+
+@pytest.mark.parametrize(('lost', 'front', 'rear'), [(FRONT, 0.0, 1.0), (REAR, 1.0, 0.05)])
+def test_an_axle_that_does_not_brake_beside_the_other_has_lost_its_brakes(axles, lost, front, rear):
+    assert axles(3, -600.0, front, rear).lost == '', 'too little to tell'
+    assert axles(2, -6000.0, front, rear).lost == ''
+    state = axles(1, -6000.0, front, rear)
+    assert state.lost == lost in state.faults
+    assert 'brakes' in state.describe()
+    assert axles(20, 0.0, 1.0, 1.0).lost == lost, 'nothing is asked of it'
+    state = axles(3, -6000.0, 1.0, 1.0)
+    assert (state.lost, state.faults) == ('', ())
+
+
+@pytest.mark.parametrize(('front', 'rear'), [(0.0, 0.0), (0.5, 0.5), (0.2, 1.0), (0.0, 0.3)])
+def test_axles_that_are_late_or_weak_have_not_lost_their_brakes(axles, front, rear):
+    assert axles(20, -6000.0, front, rear).lost == ''
+
+
+@pytest.mark.parametrize(('lost', 'share'), [(FRONT, 0.4), (REAR, 0.6)])
+def test_beside_lost_brakes_set_points_are_those_of_the_other_axle(car, params, lost, share):
+    state = ActuatorState(lost=lost)
+    brakes = Command(0, 0.1, 0.0, -3000.0, -2000.0)
+    now, front = state.setpoints_of(brakes, car)
+    assert now == (0.1, pytest.approx(-5000.0 * share))
+    assert front == (lost == REAR)
+    drives = Command(0, 0.1, 0.0, 0.0, 500.0)
+    assert state.setpoints_of(drives, car)[0] == (0.1, 500.0)
+    limits = state.limits_left(params.limits, car)
+    assert limits.brake_front_share_min == limits.brake_front_share_max == front
+    Fz = single_track.loads(-limits.brake_n, car)
+    friction = car.mu_f * Fz.f if front else car.mu_r * Fz.r
+    assert limits.brake_n == pytest.approx(params.limits.friction_use * friction)
+
+
+@pytest.mark.parametrize(
+    ('last', 'wanted', 'sent'),
+    [
+        ((-400.0, -4000.0), -4000.0, (-400.0, -4000.0)),  # a tenth, whether it is back
+        ((-5000.0, -4000.0), -4200.0, (-2800.0, -4200.0)),  # within the rate of the whole force
+        ((-400.0, -1000.0), 900.0, (0.0, 0.0)),  # no axle drives while the other brakes
+        ((0.0, 300.0), 500.0, (0.0, 500.0)),
+    ],
+)
+def test_lost_brakes_are_asked_for_a_little_within_what_the_gate_allows(params, last, wanted, sent):
+    limits = dataclasses.replace(params.limits, force_rate_nps=40e3)
+    asked = ActuatorState(lost=FRONT).probing(
+        Command(0, 0.0, 0.0, 0.0, wanted), Command(0, 0.0, 0.0, *last), limits, TICK_S
+    )
+    assert (asked.Fxf, asked.Fxr) == pytest.approx(sent)
 
 
 @pytest.mark.parametrize('gain', [0.0, 0.05])

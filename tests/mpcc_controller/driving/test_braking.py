@@ -48,6 +48,20 @@ def test_cornering_and_braking_together_stay_inside_the_circle_of_both_axles(
     assert np.isfinite(target).all()
 
 
+def test_the_brakes_of_a_car_that_cannot_steer_take_all_friction_unless_the_line_bends_further(
+    car, slow_params, world
+):
+    x = world.rolling(v=20.0, r=0.15)
+
+    def used(aside, steers):
+        target = braking.braking_target(x, REST, Point(15.0, aside), car, slow_params, steers)
+        return max(use(target, 0.0, car))
+
+    assert used(0.0, False) == used(-3.0, False) == pytest.approx(1.0, rel=1e-4)
+    further = used(3.0, False)  # what the bend that it drives now needs stays
+    assert used(3.0, True) < further < slow_params.limits.friction_use
+
+
 def test_braking_is_as_hard_as_the_friction_beside_the_cornering_or_the_brakes_allow(
     car, params, world
 ):
