@@ -325,7 +325,8 @@ def _sticks(messages, stuck, followed):
     if stuck:
         is_asked = any(abs(a - b) > MOVED_RAD for a, b in zip(asked, measured))
         return _range(measured[-FEW_MESSAGES:]) < FREE_RAD and is_asked
-    for number in range(FEW_MESSAGES, MOST_MESSAGES + 1) if followed else ():
+    most = min(len(messages), MOST_MESSAGES) if followed else 0
+    for number in range(FEW_MESSAGES, most + 1):
         still, explained = measured[-number:], _explained(messages[-number:])
         early_rad, whole_rad = (abs(explained[k] - explained[0]) for k in (-2, -1))
         # one that is a little late stands still when a movement begins, and at a turn

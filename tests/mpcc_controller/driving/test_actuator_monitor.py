@@ -164,6 +164,7 @@ def test_a_steering_that_followed_sticks_two_ticks_after_it_stopped(vehicle, noi
 def axles(vehicle):
     """Return what is known after ticks that ask for a force, of which the axles give shares."""
     watch = Watch(vehicle)
+    watch.state = ActuatorState(followed=True)
 
     def brake(ticks, asked_n, front, rear):
         ramps = [constant_ramp(Setpoints(0.0, asked_n), 0.6)]
