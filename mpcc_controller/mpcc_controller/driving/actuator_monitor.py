@@ -260,8 +260,8 @@ class ActuatorMonitor:
         followed = not delay.late_ns and (follows or known.followed)
         sticks = not follows and _sticks(delay.messages, known.sticks, followed)
         lost_by = (*known.lost_by, self._lost(known.lost, actuators, ramps))[-LOST_MESSAGES:]
-        is_told = len(lost_by) == LOST_MESSAGES and len({*lost_by}) == 1
-        lost = lost_by[-1] if is_told else known.lost
+        agree = len(lost_by) == LOST_MESSAGES and len({*lost_by}) == 1
+        lost = lost_by[-1] if agree else known.lost
         if lost != known.lost:  # other forces are compared from now on
             persistences = (persistences[0], Persistence())
             delay = delay._replace(messages=())
