@@ -70,6 +70,7 @@ def test_a_random_scenario_has_no_findings(index, tmp_path):
         *not_finite(columns),
         *turned_back(columns['/controller/why']),
         *refused_by_the_plant(columns['/controller/command'], setup.plant, setup.friction),
+        *over_friction(columns['/controller/command'], setup),
         *contract_broken(columns),
         *differences(columns, values, setup),
     ] == []
@@ -99,6 +100,20 @@ def refused_by_the_plant(command, plant, friction):
             yield f'command {k}: refused by the plant: {verdict.reason}'
     if not np.all(np.diff(command.stamp_ns) == TICK_NS):
         yield 'commands do not come once per tick'
+
+
+def over_friction(command, setup):
+    """Yield each axle that is asked for more than the friction that the controller believes."""
+    car, tyre, believed = setup.vehicle.car, setup.vehicle.tyre, setup.params.model.friction
+    moved = car.cog_height_m * (command.front_x_n + command.rear_x_n)  # N m, from axle to axle
+    for name, force, arm, sign, friction in (
+        ('front', command.front_x_n, car.cog_to_rear_m, -1.0, tyre.front_friction),
+        ('rear', command.rear_x_n, car.cog_to_front_m, 1.0, tyre.rear_friction),
+    ):
+        load = (car.mass_kg * 9.81 * arm + sign * moved) / (car.cog_to_front_m + car.cog_to_rear_m)
+        share = np.max(np.abs(force) / (friction * load))
+        if not share <= believed * (1 + 1e-6):
+            yield f'the {name} axle is asked for {share:.6f} of its friction, allowed {believed}'
 
 
 def contract_broken(columns):
@@ -141,7 +156,7 @@ def differences(columns, values, setup):
         offsets = [(k + 0.5) * share - rear for k in range(body.circles)]
     turn = np.exp(-1j * o.yaw_rad)
     latest = np.maximum(np.searchsorted(messages.stamp_ns, o.stamp_ns, side='right') - 1, 0)
-    circles, outline = {}, {}
+    circles, outline, all_gaps = {}, {}, []
     for row in np.unique(latest):
         now = latest == row
         age = (o.stamp_ns[now] - messages.stamp_ns[row]) / 1e9
@@ -161,8 +176,12 @@ def differences(columns, values, setup):
     ):
         for number, gaps in found.items():
             least, told = min(gaps), values[name][str(number)]
+            all_gaps.append(least)
             if least == least and abs(least - told) > NEAREST_M:
                 yield f'{name} of {number} is {told}, plane geometry has {least}'
+    least = np.min(all_gaps, initial=np.inf)  # not a number where one is not known
+    if abs(least) > NEAREST_M and values['collided'] != (least < 0.0):
+        yield f'collided is {values["collided"]}, the least gap is {least}'
     speed = np.hypot(o.vx_mps, o.vy_mps)
     moving, told = speed > MOVING_MPS, values['peak_sideslip_deg']
     if moving.any():

@@ -25,11 +25,23 @@ from mpcc_controller.driving.planner import PLAN_TOUCHES
 CONTROLLER = 'mpcc_road'
 SEED, MOST_LOST = 4000, 1
 FIRST, MORE = 34, 15  # draws, and those that decide where one of them is lost
+FALLEN, NOTICED = 0.90, 0.95  # survival, and how probable it is to be that it fails the gate
 DRAWS_PER_FAMILY = 10  # each night
 NIGHTLY = Path(__file__).parents[2] / 'build/nightly'  # the drives are kept: it goes on from there
 NIGHTLY_SEED = 'NIGHTLY_SEED'  # environment variable that repeats the draws of a commit
 FIRST_SEED = 1000  # those below are for tuning
 FRESH_DRAWS, SURVIVED, LEVEL = 100, 0.995, 0.975
+
+
+def passes(survival):
+    """Return how probable it is that the gate passes at a survival of single draws."""
+    lost = stats.binom(FIRST, 1 - survival).pmf
+    return lost(0) + lost(1) * survival**MORE
+
+
+def test_a_fall_is_noticed_and_what_is_published_passes():
+    assert passes(FALLEN) <= 1 - NOTICED
+    assert passes(SURVIVED) > 0.97
 
 
 @pytest.mark.slow

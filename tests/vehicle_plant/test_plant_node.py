@@ -252,3 +252,19 @@ def test_car_starts_at_the_first_pose_of_the_path(capfd):
 def test_a_parameter_that_makes_no_sense_stops_the_node(name, value, message):
     with pytest.raises(ParameterError, match=message):
         run(weave, **{name: value})
+
+
+def test_on_the_wall_clock_only_an_answer_to_a_state_of_the_last_two_seconds_starts_the_car():
+    with node_bench.running('plant', 'realtime', **{'start.from': 'parameters'}) as bench:
+        ros.publisher(bench.vehicle, COMMAND)  # the plant waits for one
+        mode, spin = bench.node.mode, bench.bus.spin_once
+        wait_until(lambda: mode.held_ns, 60.0, 'no state is held', pause=spin)
+        first, begin_ns = mode.held_ns[0], bench.bus.now_ns
+        node_bench.send(bench.node, COMMAND, node_bench.command(first + 1))
+        assert mode.stepper is None
+        wait_until(lambda: first not in mode.held_ns, 60.0, 'it is answerable', pause=spin)
+        assert bench.bus.now_ns - begin_ns == pytest.approx(2e9, rel=0.05)
+        node_bench.send(bench.node, COMMAND, node_bench.command(first))
+        assert mode.stepper is None
+        node_bench.send(bench.node, COMMAND, node_bench.command(mode.held_ns[-1]))
+        assert mode.stepper is not None

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from example_messages import load_example
 from rclpy.serialization import serialize_message
 
 from bags.recorder_node import RecordingHealth
@@ -18,6 +19,7 @@ from bags.storage.message_filing import (
     LossCounter,
     Losses,
     SimulatedTime,
+    bag_topic,
 )
 from bags.storage.rosbag2_metadata import BagTopic
 from msgs_yaml import contract, encode, raw_scenario
@@ -226,6 +228,17 @@ def test_messages_of_a_topic_stay_in_order_where_the_clock_is_heard_between_them
     assert bench.times == []
     bench.put(topic, Tick(3 * S))
     assert bench.times == [3 * S, 3 * S + 600_000_000]
+
+
+@pytest.mark.parametrize('name', [name for name in contract.load().topics if name != CLOCK.name])
+def test_what_cannot_be_read_is_filed_byte_for_byte(bench, name):
+    kept, raw = [], serialize_message(load_example(name))
+    one = bag_topic(contract.load().topics[name], 'lockstep')
+    topic = bench.filing(one, write=lambda log_ns, source_ns, data, number: kept.append(data))
+    torn = [raw[:length] for length in (0, 3, 6, 13, len(raw) // 2, len(raw) - 1)] + [b'no message']
+    bench.put(topic, Tick(2 * S), *torn, Tick(3 * S), raw, torn[4])
+    bench.time.end()
+    assert sorted(kept) == sorted([*torn, raw, torn[4]])
 
 
 @pytest.mark.parametrize('options', [{}, PLANT])

@@ -56,6 +56,10 @@ def pair_plans(ours, theirs):
     return check.pair_stages('prediction', check.POSES, ours, theirs)
 
 
+def test_every_controller_of_the_paper_has_a_golden_recording():
+    assert {'mpcc', 'mpcc_no_ca', 'frenet'} <= set(FOLDERS)
+
+
 @compiler
 @pytest.mark.parametrize('name', FOLDERS)
 def test_a_golden_recording_is_small_and_answered_as_it_was_recorded(golden, name, capsys):

@@ -7,7 +7,7 @@ from mpcc_controller.driving import planner
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.records import TickInputs
 from msgs_yaml import conformance, encode
-from msgs_yaml.types import Actuators
+from msgs_yaml.types import Actuators, Obstacles
 from stage_solver.solution import FAILED, SOLVED
 
 TICK = 50_000_000
@@ -205,6 +205,29 @@ def test_distances_weights_and_their_frenet_counterparts_agree_with_the_geometry
     gauss = np.exp(-2 * gap**2 / controller.params.safety.obstacle_m**2)
     assert v['q_v2o.1.now'] == pytest.approx(v['weight.v2o'] * gauss, rel=1e-4, abs=1e-4)
     assert v['q_v2o.1.now'] <= v['q_v2o.1'] <= v['weight.v2o']
+
+
+def mirrored(situation):
+    flip = np.array([1, -1])
+    reference, edges, obstacles = situation
+    return situation._replace(
+        reference=reference._replace(Y=-reference.Y, psi=-reference.psi),
+        edges=edges._replace(left=edges.right * flip, right=edges.left * flip),
+        obstacles=Obstacles(0, tuple(o._replace(Y=-o.Y) for o in obstacles.items)),
+    )
+
+
+def test_a_mirrored_road_mirrors_the_steering(either, world):
+    situation = world.lane_change()
+    state = world.rolling(X=25.0, psi=0.02, vy=0.1, r=0.05)
+    world.set_inputs(either, situation)
+    here, plan, _ = world.tick(either, state)
+    world.set_inputs(either, mirrored(situation))
+    there, other, _ = world.tick(either, state._replace(psi=-0.02, vy=-0.1, r=-0.05))
+    assert np.max(np.abs(plan.Y)) > 1
+    assert pytest.approx(-plan.Y, abs=1e-4) == other.Y
+    assert there.delta == pytest.approx(-here.delta, abs=1e-5)
+    assert there.Fxf + there.Fxr == pytest.approx(here.Fxf + here.Fxr, abs=1.0)
 
 
 # the warm-up before the first command

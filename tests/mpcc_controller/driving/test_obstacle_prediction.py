@@ -184,6 +184,22 @@ def test_braking_that_is_observed_goes_on_until_the_obstacle_stands(params, dece
     assert found.probability > 0.9
 
 
+@pytest.mark.parametrize('deviations', [(0.05, 0.1), (0.2, 0.5)])
+def test_braking_is_seen_through_the_noise_of_a_tracker_within_a_second(params, deviations):
+    tracker = replace(EXACT, position_m=deviations[0], velocity_mps=deviations[1])
+
+    def gaps(braking, ticks, first):
+        for seed in range(20):
+            seen = moving(ticks, deviations, braking, first, seed)
+            found = likely(Observer(params, tracker).see(*messages(*seen)))
+            yield [np.hypot(o.position(2.0)[0] - o.X, o.position(2.0)[1] - o.Y) for o in found]
+
+    # the likeliest keeps the speed; at 5 m/s^2 there is one that stops in time
+    assert np.mean([first > 0.85 * 2 * SPEED for first, *_ in gaps(0.0, 20, -20)]) > 0.9
+    stops = 8.0**2 / (2 * 5.0)
+    assert np.mean([min(found) < 1.7 * stops for found in gaps(5.0, 40, -19)]) > 0.9
+
+
 def place(radius, side, s, offset):
     """Return X, Y and heading beside a straight of 30 m and a bend to the left (1) or right."""
     angle = np.maximum(s - 30.0, 0.0) / radius

@@ -199,6 +199,18 @@ def plan_of(controller, x):
     return planner.plan(controller.memory, x0, scene, controller.car, True, controller.parts)[1:]
 
 
+def test_every_sliding_car_gets_a_plan_of_the_road_controller(road_controller, world):
+    """Sideslip to 60 deg, yaw rate to 2 rad/s, 7 to 40 m/s."""
+    rng, step, car = np.random.default_rng(7), road_controller.parts.model.step, road_controller.car
+    for _ in range(12):
+        v, beta, r = rng.uniform((7, -1.05, -2), (40, 1.05, 2))
+        x = world.rolling(v=v * math.cos(beta), vy=v * math.sin(beta), r=r, X=10.0, psi=-beta)
+        plan = plan_of(road_controller, x)[0].plan
+        assert plan is not None
+        for x, u, after in zip(plan.X[:-1:10], plan.U[::10], plan.X[1::10]):
+            assert after == pytest.approx(step(x, u, car), abs=0.02, rel=1e-3)
+
+
 def test_a_plan_of_relaxed_soft_limits_has_its_cost_in_the_true_problem(
     road_controller, world, monkeypatch
 ):

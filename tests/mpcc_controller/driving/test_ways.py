@@ -8,7 +8,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from mpcc_controller.driving import choose, guesses, ways
+from mpcc_controller import car_file
+from mpcc_controller.driving import braking, choose, guesses, ways
+from mpcc_controller.driving.setpoints import Setpoints, command_to, setpoints_of
 from mpcc_controller.driving.ways import BEHIND, LEFT, RIGHT
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import State
@@ -16,6 +18,9 @@ from mpcc_controller.path import reference_path
 from mpcc_controller.problem import stage_parameters
 from mpcc_controller.problem.obstacle_motion import PredictedObstacle
 from stage_solver.stage_problem import Plan, shift
+from vehicle_plant import parameters as plant_parameters
+from vehicle_plant.initial_state import Start
+from vehicle_plant.simulator import Simulator
 
 GRAVITY = 9.81
 R_VEH = 1.1  # m, of mpcc.yaml
@@ -226,6 +231,23 @@ def test_the_braking_guess_keeps_to_its_line_and_uses_the_friction_that_the_bend
     assert moved[1:] == pytest.approx((x.vx[2:] + x.vx[1:-1]) / 2, abs=0.02 * v)
     stands = x.vx < 1e-9
     assert np.all(np.abs(np.array([x.vy, x.r])[:, stands]) < 0.02)
+
+
+def test_a_car_stops_where_the_braking_guess_promises(world):
+    """On the plant, by the law that brakes without a plan, from no force on a dry road."""
+    v, (params, _) = 25.0, world.load('mpcc_road')
+    plant = Simulator(plant_parameters.load(), 1.0, Start(0.0, 0.0, 0.0, v, 0.0, 0.0))
+    car = stage_parameters.car(params, car_file.load(params))
+    line = straight_line(6.0 * v, stages=121)
+    promised = guesses.braking(line, start(v), car, params, floor=0.0).X[-1, 0]
+    now = Setpoints(0.0, 0.0)
+    while plant.state.vx > 0.1:
+        x = plant.state
+        target = braking.braking_target(x, now, braking.Point(x.X + 20.0, 0.0), car, params)
+        command = command_to(target, now, car, STEP_S, x.stamp_ns)
+        now = setpoints_of(command, car)[0]
+        plant.advance(command, 50)
+    assert 0.95 * promised < plant.state.X < promised + 1.0
 
 
 # the last plan and the path as guesses

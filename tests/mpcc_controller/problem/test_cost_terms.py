@@ -6,9 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bags.figures import frame_distances
 from mpcc_controller.model import single_track
 from mpcc_controller.model.single_track import Input, State
 from mpcc_controller.problem import cost_terms
+from msgs_yaml.types import Obstacle, Obstacles, RoadEdges
 
 START = State(50.0, 0.5, 0.05, 20.0, 0.0, 0.0, 50.0, 0.0, 0.0)
 D_SFT = 0.5
@@ -38,6 +40,10 @@ def test_the_cost_of_a_distance_is_its_closed_form_and_its_slope_has_no_jump(kin
         assert D < 1e4 or (cost, slope) == (0.0, 0.0)
 
     check()
+
+
+def on_circle(s, radius, inside=0.0):
+    return (radius - inside) * np.sin(s / radius), radius - (radius - inside) * np.cos(s / radius)
 
 
 def values(pose, controller='mpcc', scene=None, **changes):
@@ -88,6 +94,37 @@ def test_the_measure_of_distances_counts_only_beside_a_bend_and_only_for_distanc
     )
     for mine, other in zip(ground.v2o[:1] + ground.v2e, path.v2o[:1] + path.v2e):
         assert mine == pytest.approx(other, abs=1e-6)
+
+
+def test_a_step_of_the_priority_changes_only_costs_of_distances(pose):
+    gaussian, step = (values(pose, priority=kind) for kind in ('gaussian', 'step'))
+    assert_equal_costs(gaussian, step, but={'v2o', 'v2e'})
+    assert np.all(step.costs.v2o >= gaussian.costs.v2o)
+    assert step.costs.v2o.sum() > 1.05 * gaussian.costs.v2o.sum() > 0.0
+
+
+@pytest.mark.parametrize('inside', [1.0, -1.0])
+@pytest.mark.parametrize(
+    ('controller', 'rules', 'frame'),
+    [('mpcc', {}, 'cartesian'), ('frenet', {}, 'frenet'), ('mpcc', {'distance': 'path'}, 'frenet')],
+)
+def test_each_frame_has_its_own_distance_to_an_obstacle_beside_a_bend(
+    pose, world, controller, rules, frame, inside
+):
+    """The closed forms are those of the judge, which shares no code with the controllers."""
+    radius, s, still = 20.0, np.linspace(10.0, 60.0, 51), np.zeros(51)
+    line = world.path(*on_circle(np.arange(0.0, 120.0, 0.5), radius), 9.0)
+    left, right = (np.column_stack(on_circle(np.arange(120.0), radius, e)) for e in (6.0, -6.0))
+    obstacle = Obstacle(1, *on_circle(45.0, radius, inside), 1.0, 0.0, 0.0)
+    road = line, RoadEdges(0, left, right), Obstacles(0, (obstacle,))
+    scene = world.scene(type(world.straight())(*road))
+    x = State(*on_circle(s, radius), s / radius, still + 9.0, still, still, s, still, still)
+    posed = pose(START, controller, scene, **{f'formulation__{k}': v for k, v in rules.items()})
+    plan = posed.form.to_local(posed.plan._replace(X=np.column_stack(x)), scene.path)
+    numbers = posed.form.stage_parameters(scene, np.column_stack(x))
+    closed = frame_distances.circle_distances(radius, 45.0 - s, inside, 2.1)
+    seen = posed._replace(plan=plan, numbers=numbers).values().v2o[0]
+    assert seen == pytest.approx(getattr(closed, frame), abs=5e-3)
 
 
 ENVELOPE = {
