@@ -31,7 +31,7 @@ class ImpossibleError(Exception):
 
 
 class Trial(Random):
-    """The random numbers of a draw; a hard one is not sieved."""
+    """The random numbers of a draw; a hard one is not tested for whether it can be mastered."""
 
     hard = False
 

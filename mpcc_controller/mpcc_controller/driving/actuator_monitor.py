@@ -6,7 +6,8 @@ weaker, or somebody else moves it. Plans then begin where it is.
 
 Set-points that all arrive late are another fault (`late_setpoints`). Plans then begin when they
 arrive. An axle that does not brake beside one that does has lost its brakes. From then on forces
-are those of the other one alone: ramps, plans, and the laws without a plan.
+are those of the other one alone: ramps, plans, and the laws without a plan; not the braking after
+an exception, which takes nothing from here.
 """
 
 from collections.abc import Sequence
@@ -39,11 +40,11 @@ STILL_MESSAGES, STILL_SHARE = 5, 0.1
 MOVED_RAD, FREE_RAD = 0.004, 0.01  # which is at least so much; one that moves by more is free
 # and was, in those that ended up to so many messages earlier: otherwise it may only be late
 LATEST = 6
-# one that followed before is not late: it sticks with less than this share of what its lag explains
-# in so few messages or more; it followed if in so few it was nearer to that than a share of the
-# movement, which was at least so much
+# one that followed before sticks with less than this share of what its lag explains in so few
+# messages or more, if the forces follow: then it is not late. What follows was in so few nearer to
+# what its lag explains than a share of the movement, which was at least so much
 FOLLOWER_SHARE, FEW_MESSAGES, MOST_MESSAGES = 0.2, 3, 8
-NEAR_SHARE, NEAR_RAD = 0.3, 0.002
+NEAR_SHARE, NEAR = 0.3, 0.17  # of the units of the comparison with a delay
 # an axle of which at least so much is asked has lost its brakes if it has less than the share of it
 # and the other one at least half, in so many messages; until it brakes with half of that force
 LOST_MPS2, LOST_SHARE, LOST_MESSAGES = 0.15, 0.1, 3  # m/s^2 of the mass of the car
@@ -121,6 +122,11 @@ class ActuatorState(NamedTuple):
             for ramp in ramps
         )
 
+    @property
+    def lost_force(self) -> str:
+        """The force of a command that lost brakes do not give, '' where none are lost."""
+        return {FRONT: 'Fxf', REAR: 'Fxr'}.get(self.lost, '')
+
     def left_of(self, ramp: SetpointRamp) -> SetpointRamp:
         """Return a ramp of what the other axle brakes with beside lost brakes."""
         if not self.lost:
@@ -150,13 +156,16 @@ class ActuatorState(NamedTuple):
         """
         if not self.lost:
             return command
-        lost, other = ('Fxf', 'Fxr') if self.lost == FRONT else ('Fxr', 'Fxf')
+        lost, other = self.lost_force, 'Fxr' if self.lost == FRONT else 'Fxf'
         force, before = getattr(command, other), getattr(last, lost)
         if before < 0:  # no axle drives while the other one is asked to brake
             force = min(force, 0.0)
         rest, most = before - force + getattr(last, other), limits.force_rate_nps * step_s
         wanted = getattr(command, lost) + PROBE_SHARE * min(force, 0.0)
-        return command._replace(**{other: force, lost: min(max(wanted, rest - most), rest + most)})
+        asked = min(max(wanted, rest - most), rest + most)
+        if force < 0:  # by rounding, too, no axle drives then
+            asked = min(asked, 0.0)
+        return command._replace(**{other: force, lost: asked})
 
     def target_from(
         self,
@@ -231,14 +240,14 @@ class ActuatorMonitor:
         """Compare a message at its own stamp, and return what is known.
 
         Without a message that is the last check, until it is too old: a topic that falls silent
-        counts as one that nobody publishes. A delay that was found stays, and so do lost brakes.
+        counts as one that nobody publishes. A delay that was found stays.
         """
         last = known.last
         if actuators is None or not _is_recent(actuators, state_ns):
             if last is None:
                 return known
             if not _is_recent(last, state_ns):
-                return ActuatorState(delay=known.delay, lost=known.lost)
+                return ActuatorState(delay=known.delay)
             return known._replace(check=known.check._replace(age_s=None))
         age_s = (state_ns - actuators.stamp_ns) / NS_PER_S
         if last is not None and actuators.stamp_ns <= last.stamp_ns:  # the same message again
@@ -255,10 +264,13 @@ class ActuatorMonitor:
         )
         if delay.late_ns != known.delay.late_ns:  # compared anew
             persistences = (Persistence(), Persistence())
-        follows = _follows(delay.messages[-FEW_MESSAGES:])
+        follows, is_prompt = (
+            _follows(delay.messages[-FEW_MESSAGES:], i, unit)
+            for i, unit in enumerate(self._thresholds)
+        )
         # what is found of a delay is not exact
         followed = not delay.late_ns and (follows or known.followed)
-        sticks = not follows and _sticks(delay.messages, known.sticks, followed)
+        sticks = not follows and _sticks(delay.messages, known.sticks, followed and is_prompt)
         lost_by = (*known.lost_by, self._lost(known.lost, actuators, ramps))[-LOST_MESSAGES:]
         agree = len(lost_by) == LOST_MESSAGES and len({*lost_by}) == 1
         lost = lost_by[-1] if agree else known.lost
@@ -301,23 +313,22 @@ class ActuatorMonitor:
         return measured - min(max(measured, min(values)), max(values))
 
 
-def _explained(messages):
-    """Return the steering angles [rad] that its lag explains in messages."""
-    return [m.measured.delta - STEER_RAD * m.differences[0] for m in messages]
+def _explained(messages, i, unit):
+    """Return the angles [rad] or forces [N] that the lag explains in messages."""
+    return [m.measured[i] - unit * m.differences[i] for m in messages]
 
 
-def _follows(messages):
-    """Return whether the steering is where its lag explains, while it moves."""
-    moved_rad = _range(_explained(messages))
-    farthest_rad = STEER_RAD * max(abs(message.differences[0]) for message in messages)
-    return moved_rad > NEAR_RAD and farthest_rad < NEAR_SHARE * moved_rad
+def _follows(messages, i, unit):
+    """Return whether the steering (0) or the force (1) is where its lag explains, and moves."""
+    moved = _range(_explained(messages, i, unit))
+    farthest = unit * max(abs(message.differences[i]) for message in messages)
+    return moved > NEAR * unit and farthest < NEAR_SHARE * moved
 
 
-def _sticks(messages, stuck, followed):
+def _sticks(messages, stuck, in_time):
     """Return whether the steering stays where it is, though it is, or was, asked to move.
 
-    What follows with a delay stays as long as the set-points did earlier; one that `followed` has
-    none.
+    What follows with a delay stays as long as the set-points did earlier; `in_time`: it has none.
     """
     measured = [message.measured.delta for message in messages]
     asked = [message.asked.delta for message in messages]
@@ -325,9 +336,9 @@ def _sticks(messages, stuck, followed):
     if stuck:
         is_asked = any(abs(a - b) > MOVED_RAD for a, b in zip(asked, measured))
         return _range(measured[-FEW_MESSAGES:]) < FREE_RAD and is_asked
-    most = min(len(messages), MOST_MESSAGES) if followed else 0
+    most = min(len(messages), MOST_MESSAGES) if in_time else 0
     for number in range(FEW_MESSAGES, most + 1):
-        still, explained = measured[-number:], _explained(messages[-number:])
+        still, explained = measured[-number:], _explained(messages[-number:], 0, STEER_RAD)
         early_rad, whole_rad = (abs(explained[k] - explained[0]) for k in (-2, -1))
         # one that is a little late stands still when a movement begins, and at a turn
         is_late = early_rad < NEAR_SHARE * whole_rad

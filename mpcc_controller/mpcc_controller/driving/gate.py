@@ -31,6 +31,7 @@ class Gate(NamedTuple):
     step_s: float
     max_age_s: float
     axle_rate_nps: float = math.inf  # what the actuators of one axle can do, `limits`: of both
+    lost: str = ''  # 'Fxf' or 'Fxr' of an axle without brakes: what is asked of it does not act
 
     def check(self, command: Command, last: Command, age_s: float, believed: Car) -> GateResult:
         """Return the command, or if it is rejected the last one held.
@@ -79,6 +80,9 @@ class Gate(NamedTuple):
         Nor more than the believed one, unless the last command asked for as much: forces take time
         to fall when the belief does.
         """
+        if self.lost:
+            nothing = {self.lost: 0.0}
+            command, last = command._replace(**nothing), last._replace(**nothing)
         allowed = max(1.0, _friction_use(last, believed))
         return _friction_use(command, self.car) <= _rounded_up(1.0) and _friction_use(
             command, believed

@@ -104,5 +104,5 @@ class Parts:
         parts.params = parts.model.params = limited(self.params)
         parts.params_to_brake = limited(self.params_to_brake, **rates)
         limits = dataclasses.replace(self.gate.limits, **rates)
-        parts.gate = self.gate._replace(limits=limits)
+        parts.gate = self.gate._replace(limits=limits, lost=actuators.lost_force)
         return parts

@@ -71,7 +71,7 @@ def plan(
     else:
         solution = solvers.solve(problem, first_guess, solving)
     if params.surroundings.arcs == REFRESHED:
-        problem, solution, refreshes = solvers.refresh_arcs(problem, solution, solving)
+        problem, solution, refreshes = solvers.refresh_arcs(parts.model, problem, solution, solving)
     if parts.compares:
         usable = solution.plan if solvers.is_usable(solution) else None
         candidacy = choose.follow(candidacy, usable, solution.cost, scene, params)

@@ -138,9 +138,9 @@ class TickSolvers:
         return result, [*map(self.prediction.to_map, solved, problems)]
 
     def refresh_arcs(
-        self, problem: TickProblem, first: Solution, began: float
+        self, model: PredictionModel, problem: TickProblem, first: Solution, began: float
     ) -> tuple[TickProblem, Solution, int]:
-        """Solve again, around the plan, while theta of the plan is far from that of the guess.
+        """Solve again with the model of the problem, around the plan, while theta of the plan is far from that of the guess.
 
         Arcs of the path, edges and slots of obstacles are those around the guess. Returns the last
         problem, its solution with the time and the iterations of all, and the number of further
@@ -154,7 +154,7 @@ class TickSolvers:
             if np.max(moved) <= REFRESH_FROM_M or is_late:
                 break
             self._limit(chosen, began)
-            again = self.prediction.build_problem(
+            again = model.build_problem(
                 problem.x0, problem.scene, first.plan, problem.car, problem.sliding
             )
             solution = self._run(chosen, again, again.guess_local)
