@@ -140,12 +140,12 @@ class TickSolvers:
     def refresh_arcs(
         self, model: PredictionModel, problem: TickProblem, first: Solution, began: float
     ) -> tuple[TickProblem, Solution, int]:
-        """Solve again with the model of the problem, around the plan, while theta of the plan is far from that of the guess.
+        """Solve again, around the plan, while theta of the plan is far from that of the guess.
 
-        Arcs of the path, edges and slots of obstacles are those around the guess. Returns the last
-        problem, its solution with the time and the iterations of all, and the number of further
-        solves: at most MOST_REFRESHES, none where theta moved by up to REFRESH_FROM_M. A further
-        solution that may not be driven is dropped.
+        `model` built the problem. Arcs of the path, edges and slots of obstacles are those around
+        the guess. Returns the last problem, its solution with the time and the iterations of all,
+        and the number of further solves: at most MOST_REFRESHES, none where theta moved by up to
+        REFRESH_FROM_M. A further solution that may not be driven is dropped.
         """
         chosen, refreshes = self._chosen(problem), 0
         while refreshes < MOST_REFRESHES and self.is_usable(first):

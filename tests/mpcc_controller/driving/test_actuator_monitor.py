@@ -6,6 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mpcc_controller.driving.actuator_monitor import (
     FAULT,
@@ -20,6 +22,7 @@ from mpcc_controller.driving.actuator_monitor import (
     ActuatorState,
 )
 from mpcc_controller.driving.delay_compensation import SetpointRamp, constant_ramp, shifted
+from mpcc_controller.driving.gate import Gate
 from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.driving.setpoints import Setpoints, SetpointTarget
 from mpcc_controller.model import single_track
@@ -82,7 +85,7 @@ def manoeuvres():
         yield points
 
 
-def watch_delayed(vehicle, points, delay_ms, damping, off_rad=0.0):
+def watch_delayed(vehicle, points, delay_ms, damping, off_rad=0.0, from_s=0.0):
     """Yield what is known after every tick of servos that follow set-points late."""
     ramps = [*AT_REST]
     for k, (begin, end) in enumerate(itertools.pairwise(points)):
@@ -91,7 +94,7 @@ def watch_delayed(vehicle, points, delay_ms, damping, off_rad=0.0):
     knots = TICK_S * np.arange(len(points))
     lags = vehicle.actuators.steer_lag_s, vehicle.actuators.force_lag_s
     at_ticks = np.transpose([
-        follow(np.interp(t - delay_ms * MS_S, knots, column), lag, damping)[::50]
+        follow(np.interp(t - delay_ms * MS_S * (t >= from_s), knots, column), lag, damping)[::50]
         for lag, column in zip(lags, np.transpose(points))
     ])  # fmt: skip
     watch = Watch(vehicle)
@@ -143,21 +146,26 @@ def test_a_steering_that_does_not_move_sticks_until_it_moves_and_is_not_late(veh
 
 
 @pytest.mark.parametrize('noise_rad', [0.0, 0.0003])
-def test_a_steering_that_followed_sticks_two_ticks_after_it_stopped(vehicle, noise_rad):
+@pytest.mark.parametrize('force_follows', [True, False])
+def test_a_steering_that_followed_sticks_two_ticks_after_it_stopped_if_the_force_follows(
+    vehicle, noise_rad, force_follows
+):
     rng = np.random.default_rng(5)
-    points = [Setpoints(0.01 * k, 0.0) for k in range(30)]
-    lag_s = vehicle.actuators.steer_lag_s
+    points = [Setpoints(0.01 * k, -400.0 * k) for k in range(30)]
+    lags = vehicle.actuators.steer_lag_s, vehicle.actuators.force_lag_s
     t = np.arange(0, 29 * TICK_S, MS_S)
-    asked = np.interp(t, TICK_S * np.arange(30), [point.delta for point in points])
-    angles = follow(np.minimum(asked, asked[15 * 50]), lag_s, 0.7)[::50]
+    asked, force = (np.interp(t, TICK_S * np.arange(30), column) for column in zip(*points))
+    angles = follow(np.minimum(asked, asked[15 * 50]), lags[0], 0.7)[::50]
+    forces = force_follows * follow(force, lags[1], 0.7)[::50]
     watch, ramps, found = Watch(vehicle), [*AT_REST], []
     for k, (begin, end) in enumerate(itertools.pairwise(points)):
         ramps.append(SetpointRamp(k * TICK, begin, (k + 1) * TICK, end, 0.6))
         angle = angles[k] + noise_rad * rng.standard_normal()
-        watch.update(message(k * TICK, angle), ramps, k * TICK)
+        watch.update(message(k * TICK, angle, forces[k]), ramps, k * TICK)
         found.append(watch.state.sticks)
     # the servo ends its movement in two ticks; what it moved before does not make it free again
-    assert found == [False] * 18 + [True] * 11
+    first = 18 if force_follows else 20
+    assert found == [False] * first + [True] * (29 - first)
 
 
 @pytest.fixture
@@ -227,6 +235,23 @@ def test_lost_brakes_are_asked_for_a_little_within_what_the_gate_allows(params, 
     assert (asked.Fxf, asked.Fxr) == pytest.approx(sent)
 
 
+@given(st.lists(st.sampled_from([0.3, 1.0]), min_size=5, max_size=20), st.floats(-15e3, 3e3))
+@pytest.mark.parametrize('lost', [FRONT, REAR])
+def test_what_is_asked_beside_lost_brakes_passes_the_gate(params, car, lost, shares, begin):
+    state, step_n = ActuatorState(lost=lost), params.limits.force_rate_nps * TICK_S
+    limits = state.limits_left(params.limits, car)
+    gate = Gate(params.limits, car, TICK_S, 0.1, lost=state.lost_force)
+    last, left = Command(0, 0.0, 0.0, 0.6 * begin, 0.4 * begin), 0.4 if lost == FRONT else 0.6
+    force = begin if begin > 0 else left * begin
+    for k, share in enumerate(shares, 1):
+        force = max(force - share * step_n, -limits.brake_n)
+        split = float(lost == REAR) if force < 0 else 0.4
+        wanted = Command(k * TICK, 0.0, 0.0, split * force, (1 - split) * force)
+        sent = state.probing(wanted, last, params.limits, TICK_S)
+        assert gate.check(sent, last, 0.0, car).reason == ''
+        last = sent
+
+
 @pytest.mark.parametrize('gain', [0.0, 0.05])
 @pytest.mark.parametrize('noise_rad', [0.0, 0.0003])
 def test_a_steering_that_sticks_stays_a_fault_also_with_noise_and_some_play(
@@ -249,6 +274,14 @@ def test_a_steering_that_is_off_and_late_does_not_stick(vehicle):
     for points in manoeuvres():
         for state in watch_delayed(vehicle, points, 150, 0.7, off_rad=0.03):
             assert not state.sticks
+
+
+@pytest.mark.parametrize('delay_ms', [100, 150, 200])
+def test_a_delay_that_begins_while_driving_is_no_steering_that_sticks(vehicle, delay_ms):
+    for points in manoeuvres():
+        states = [*watch_delayed(vehicle, points, delay_ms, 0.7, from_s=1.5)]
+        assert not any(state.sticks for state in states)
+        assert LATE in states[-1].faults
 
 
 def test_a_difference_is_a_fault_after_four_ticks_and_none_after_a_second(monitor):
