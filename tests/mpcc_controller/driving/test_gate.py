@@ -179,3 +179,14 @@ def test_a_held_command_keeps_braking_and_stops_driving_at_the_rate_limit(gate, 
     command, before = change(zip(('Fxf', 'Fxr'), last), delta=math.nan)
     sent, _ = gate.check(command, before, 0.0, gate.car)
     assert (sent.Fxf, sent.Fxr) == pytest.approx(held)
+
+
+def test_what_is_asked_of_lost_brakes_does_not_count(gate, car):
+    # the load that the rear axle has when it brakes alone, while the front is still asked
+    alone = axle_limit(MU_REAR, FRONT, -1)
+    for share, reason in ((0.999, ''), (1.001, 'beyond_friction')):
+        command, last = constant(-8000.0, -share * alone)
+        lost = gate._replace(lost='Fxf')
+        last = last._replace(Fxr=-0.9 * alone)
+        assert lost.check(command, last, 0.0, car).reason == reason
+        assert gate.check(command, last, 0.0, car).reason == 'beyond_friction'
