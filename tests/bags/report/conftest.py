@@ -1,8 +1,9 @@
 """A report of two short drives, and a headless Chromium to look at it with."""
 
-import html
+import asyncio
+import itertools
 import json
-import re
+import os
 import subprocess
 
 import numpy as np
@@ -10,40 +11,25 @@ import pytest
 from capabilities import chromium, require
 from evaluated_drives import evaluate_runs
 from straight_drive import obstacle, straight_scene
+from tornado.httpclient import AsyncHTTPClient
+from tornado.websocket import websocket_connect
 
 from bags.evaluation import metrics
 from bags.report import page
 from bags.storage.columns import Columns
 from msgs_yaml.types import Prediction, Why
 
-SECONDS = 240.0
+SECONDS = 60.0
 FLAGS = (
-    *('--headless', '--no-sandbox', '--disable-gpu', '--no-first-run'),
+    '--headless',
+    '--no-sandbox',
+    '--disable-gpu',
+    '--no-first-run',
+    '--disable-background-networking',
+    '--remote-debugging-port=0',
     # the report must not need a network: there is none
-    *('--disable-background-networking', '--host-resolver-rules=MAP * ~NOTFOUND'),
-    # of the page's own time, in which a film plays and a script waits
-    '--virtual-time-budget=60000',
+    '--host-resolver-rules=MAP * ~NOTFOUND',
 )
-# before the scripts of the page
-HEARD = """<script>
-const complaints = [];
-addEventListener('error', (event) => complaints.push(event.message));
-addEventListener('unhandledrejection', (event) => complaints.push(String(event.reason)));
-console.error = console.warn = (...words) => complaints.push(words.join(' '));
-</script>"""
-VISIT = """<script type="module">
-const until = async (isTrue) => {
-  while (!isTrue()) await new Promise((done) => setTimeout(done, 20));
-};
-await until(() => document.documentElement.dataset.ready === 'yes');
-const result = await (async () => { SCRIPT })();
-const fetched = performance.getEntriesByType('resource').map((one) => one.name);
-complaints.push(...fetched.filter((url) => !/^(file|data|blob):/.test(url)));
-const output = document.createElement('pre');
-output.id = 'result';
-output.textContent = JSON.stringify([result, complaints]);
-parent.document.body.append(output);
-</script>"""
 
 
 @pytest.fixture(scope='session')
@@ -106,27 +92,112 @@ def report(material, runs, tmp_path_factory):
     return file
 
 
+class Tab:
+    """A page in the browser, over the DevTools protocol."""
+
+    def __init__(self, socket):
+        self.socket = socket
+        self.numbers = itertools.count(1)
+        self.events = []
+
+    async def call(self, method, **params):
+        number = next(self.numbers)
+        await self.socket.write_message(
+            json.dumps({'id': number, 'method': method, 'params': params})
+        )
+        while True:
+            said = json.loads(await asyncio.wait_for(self.socket.read_message(), SECONDS))
+            if said.get('id') == number:
+                assert 'error' not in said, said
+                return said['result']
+            self.events.append(said)
+
+    async def value(self, expression):
+        """Evaluate JavaScript and return its value."""
+        options = {'returnByValue': True, 'awaitPromise': True}
+        found = await self.call('Runtime.evaluate', expression=expression, **options)
+        assert 'exceptionDetails' not in found, found
+        return found['result'].get('value')
+
+    async def until(self, expression):
+        for _ in range(int(SECONDS / 0.05)):
+            if await self.value(expression):
+                return
+            await asyncio.sleep(0.05)
+        raise AssertionError(f'never true: {expression}')
+
+    def complaints(self):
+        """Return errors and warnings of the console, exceptions, requests to a network."""
+        result = []
+        for event in self.events:
+            method, params = event['method'], event['params']
+            if method == 'Runtime.exceptionThrown':
+                result.append(params['exceptionDetails'])
+            if method == 'Runtime.consoleAPICalled' and params['type'] in ('error', 'warning'):
+                result.append(params['args'])
+            if method == 'Log.entryAdded' and params['entry']['level'] in ('error', 'warning'):
+                result.append(params['entry'])
+            if method == 'Network.requestWillBeSent':
+                url = params['request']['url']
+                if not url.startswith(('file:', 'data:', 'blob:')):
+                    result.append(url)
+        return result
+
+
 @pytest.fixture(scope='session')
 def browse(tmp_path_factory):
-    """Return browse(file, script, ...): what JavaScript returns on a page, and all complaints.
-
-    These are errors and warnings of the console, exceptions, and requests to a network.
-    """
+    """Return browse(file, visit, width): open a page, run the coroutine visit(tab), return."""
     require('chromium')
     folder = tmp_path_factory.mktemp('chromium')
+    log = folder / 'log'
+    with log.open('w') as out:
+        process = subprocess.Popen(
+            [chromium(), *FLAGS, f'--user-data-dir={folder}', 'about:blank'],
+            stdout=out,
+            stderr=out,
+            env={**os.environ, 'HOME': str(folder)},
+        )
 
-    def visit(file, script, width=1200, dark=False):
-        text = file.read_text().replace('<head>', f'<head>{HEARD}', 1)
-        text = text.replace('</body>', VISIT.replace('SCRIPT', script) + '</body>')
-        framed = folder / 'page.html'
-        # in a frame: a window of Chromium is no narrower than 500 pixels
-        frame = f'<iframe width={width} height=900 style="border: 0" srcdoc="{html.escape(text)}">'
-        framed.write_text(f'<!doctype html><body>{frame}</iframe></body>')
-        scheme = f'--blink-settings=preferredColorScheme={0 if dark else 1}'
-        command = [chromium(), *FLAGS, scheme, f'--user-data-dir={folder}']
-        command += ['--window-size=1300,1000', '--dump-dom', framed.as_uri()]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
-        (result,) = re.findall('<pre id="result">(.*?)</pre>', done.stdout, re.DOTALL)
-        return json.loads(html.unescape(result))
+    def run(file, visit, width=1200, dark=False):
+        return asyncio.run(asyncio.wait_for(_visit(folder, log, file, visit, width, dark), SECONDS))
 
-    return visit
+    yield run
+    process.terminate()
+    try:
+        process.wait(60)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+async def _visit(folder, log, file, visit, width, dark):
+    port = folder / 'DevToolsActivePort'
+    for _ in range(int(SECONDS / 0.05)):
+        if port.exists() and port.read_text().count('\n'):
+            break
+        await asyncio.sleep(0.05)
+    else:
+        raise AssertionError(f'Chromium did not start: {log.read_text()}')
+    url = f'http://127.0.0.1:{port.read_text().split()[0]}/json/new?about:blank'
+    answer = await AsyncHTTPClient().fetch(url, method='PUT', body=b'')
+    target = json.loads(answer.body)
+    socket = await websocket_connect(target['webSocketDebuggerUrl'], max_message_size=1 << 26)
+    tab = Tab(socket)
+    for domain in ('Runtime', 'Log', 'Network', 'Page'):
+        await tab.call(f'{domain}.enable')
+    await tab.call(
+        'Emulation.setDeviceMetricsOverride',
+        width=width,
+        height=900,
+        deviceScaleFactor=1,
+        mobile=width < 600,
+    )
+    scheme = {'name': 'prefers-color-scheme', 'value': 'dark' if dark else 'light'}
+    await tab.call('Emulation.setEmulatedMedia', features=[scheme])
+    await tab.call('Page.navigate', url=file.as_uri())
+    await tab.until("document.documentElement?.dataset.ready === 'yes'")
+    try:
+        return await visit(tab)
+    finally:
+        await tab.call('Page.close')
+        socket.close()

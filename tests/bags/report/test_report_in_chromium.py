@@ -7,7 +7,7 @@ from bags.figures.panels import PANELS
 from bags.report import page
 
 pytestmark = pytest.mark.slow
-INK = """const ink = (() => {
+INK = """(() => {
   const found = {};
   for (const plot of document.querySelectorAll('[data-panel], .film')) {
     const canvases = [];
@@ -28,63 +28,65 @@ INK = """const ink = (() => {
     found[plot.dataset.panel || 'film'] = [width, ink];
   }
   return found;
-})();"""
-# what a reader does, and what is shown
-PAGE = """
-const roots = Bokeh.documents[0].roots();
-const element = (name) => document.getElementById(name);
-const click = (selector) => document.querySelector(selector).click();
-const choose = (name, value, event = 'input') => {
-  element(name).value = value;
-  element(name).dispatchEvent(new Event(event));
-};
-const now = () => Number(document.documentElement.dataset.time);
-const sizes = () => [document.documentElement.scrollWidth, innerWidth];
-const linked = () => roots.slice(1).filter((one) => one.name !== 'gg')
-  .map((one) => [one.x_range.start, one.x_range.end]);
-const bodies = () => roots[0].renderers
-  .filter((one) => one.glyph.type === 'Patch' && one.tags.length)
-  .map((one) => [Array.from(one.data_source.data.x), Array.from(one.data_source.data.y)]);
-// of the cars that have one above the road
-const names = () => roots[0].renderers
-  .flatMap((one) => one.data_source.data.text || []).filter((one) => one);
-"""
+})()"""
+ROOTS = 'Bokeh.documents[0].roots()'
+LINKED = f"""{ROOTS}.slice(1).filter((one) => one.name !== "gg")
+  .map((one) => [one.x_range.start, one.x_range.end])"""
+# of the cars that have one above the road
+NAMES = f'{ROOTS}[0].renderers.flatMap((one) => one.data_source.data.text || []).filter((o) => o)'
+BODIES = f"""{ROOTS}[0].renderers.filter((one) => one.glyph.type === "Patch" && one.tags.length)
+  .map((one) => [Array.from(one.data_source.data.x), Array.from(one.data_source.data.y)])"""
+SIZES = '[document.documentElement.scrollWidth, innerWidth]'
+NOW = 'Number(document.documentElement.dataset.time)'
+OPENING = "Number(document.getElementById('time').defaultValue)"
+
+
+def element(name):
+    return f"document.getElementById('{name}')"
+
+
+def choose(name, value, event='input'):
+    """Return a script that sets an input of the page as a reader would."""
+    return (
+        f"(() => {{ const s = {element(name)}; s.value = '{value}';"
+        f"s.dispatchEvent(new Event('{event}')); }})()"
+    )
 
 
 @pytest.mark.parametrize(('width', 'dark'), [(360, True), (1200, False)])
 def test_every_panel_is_drawn_and_nothing_complains(report, browse, width, dark):
-    script = f'{PAGE} await until(() => Bokeh.documents[0].is_idle); {INK} return [ink, sizes()];'
-    (ink, (page_width, screen)), complaints = browse(report, script, width, dark)
+    async def visit(tab):
+        await tab.until('Bokeh.documents[0].is_idle')
+        return await tab.value(INK), await tab.value(SIZES), tab.complaints()
+
+    ink, (page_width, screen), complaints = browse(report, visit, width, dark)
     assert complaints == []
     assert set(ink) == {one.name for one in PANELS} | {'gg', 'film'}
     for name, (drawn_width, pixels) in ink.items():
         assert 0 < drawn_width <= width, name
         assert pixels > 1000, name
-    assert page_width <= screen == width, 'the page scrolls sideways'
-
-
-PLAYED = """
-const opening = Number(element('time').defaultValue);
-element('rate').value = '0.1';  // slow, so that it does not end before it is paused
-const before = JSON.stringify(bodies());
-element('play').click();
-await until(() => now() > 0 && now() < opening);
-const moved = JSON.stringify(bodies()) !== before;
-element('play').click();
-const paused = now();
-await new Promise((done) => setTimeout(done, 300));
-const still = now();
-element('rate').value = '2';
-element('play').click();
-await until(() => element('play').textContent === 'Play');
-const end = now();
-choose('time', 2.5);
-return [moved, paused, still, end, bodies()];
-"""
+    assert page_width <= screen, 'the page scrolls sideways'
 
 
 def test_the_film_plays_to_its_end_and_puts_every_car_where_the_bag_says(report, browse, runs):
-    (moved, paused, still, end, bodies), complaints = browse(report, PAGE + PLAYED)
+    async def visit(tab):
+        # slow, so that it does not end before it is paused
+        await tab.value(f"{element('rate')}.value = '0.1'")
+        before = await tab.value(BODIES)
+        await tab.value(f'{element("play")}.click()')
+        await tab.until(f'{NOW} > 0 && {NOW} < {OPENING}')
+        between = await tab.value(BODIES)
+        await tab.value(f'{element("play")}.click()')
+        paused = await tab.value(NOW)
+        still = await tab.value(f'new Promise((done) => setTimeout(() => done({NOW}), 300))')
+        await tab.value(f"{element('rate')}.value = '2'")
+        await tab.value(f'{element("play")}.click()')
+        await tab.until(f"{element('play')}.textContent === 'Play'")
+        end = await tab.value(NOW)
+        await tab.value(choose('time', 2.5))
+        return before != between, paused, still, end, await tab.value(BODIES), tab.complaints()
+
+    moved, paused, still, end, bodies, complaints = browse(report, visit)
     assert complaints == []
     assert moved
     assert paused == still > 0.0
@@ -98,24 +100,27 @@ def test_the_film_plays_to_its_end_and_puts_every_car_where_the_bag_says(report,
         assert max(y) - min(y) == pytest.approx(outline.width, abs=0.01)
 
 
-ZOOMED = """
-roots[1].x_range.setv({ start: 1, end: 2 });
-const zoomed = linked();
-choose('axis', 'station', 'change');
-const fields = roots.slice(1).flatMap((one) => one.renderers)
-  .filter((one) => one.tags.includes('curve')).map((one) => one.glyph.x.field);
-const stations = linked();
-click('[data-run="own"]');
-const shown = roots.flatMap((one) => one.renderers)
-  .filter((one) => one.visible).flatMap((one) => one.tags);
-choose('view', 'mpcc', 'change');
-choose('time', 4);
-return [zoomed, fields, stations, shown, roots[0].x_range.start, roots[0].x_range.end];
-"""
-
-
 def test_zooming_one_panel_zooms_all_and_a_run_can_be_hidden_and_followed(report, browse):
-    (zoomed, fields, stations, shown, low, high), complaints = browse(report, PAGE + ZOOMED)
+    async def visit(tab):
+        await tab.value(f'void {ROOTS}[1].x_range.setv({{start: 1, end: 2}})')
+        zoomed = await tab.value(LINKED)
+        await tab.value(choose('axis', 'station', 'change'))
+        fields = await tab.value(
+            f'{ROOTS}.slice(1).flatMap((one) => one.renderers)'
+            '.filter((one) => one.tags.includes("curve")).map((one) => one.glyph.x.field)'
+        )
+        stations = await tab.value(LINKED)
+        await tab.value('document.querySelector(\'[data-run="own"]\').click()')
+        shown = await tab.value(
+            f'{ROOTS}.flatMap((one) => one.renderers)'
+            '.filter((one) => one.visible).flatMap((one) => one.tags)'
+        )
+        await tab.value(choose('view', 'mpcc', 'change'))
+        await tab.value(choose('time', 4))
+        span = await tab.value(f'[{ROOTS}[0].x_range.start, {ROOTS}[0].x_range.end]')
+        return zoomed, fields, stations, shown, span, tab.complaints()
+
+    zoomed, fields, stations, shown, (low, high), complaints = browse(report, visit)
     assert complaints == []
     assert zoomed == [[1, 2]] * len(PANELS)
     assert set(fields) == {'station'}
@@ -126,19 +131,6 @@ def test_zooming_one_panel_zooms_all_and_a_run_can_be_hidden_and_followed(report
     assert high - low == pytest.approx(70.0)
 
 
-CHOSEN = """
-await until(() => Bokeh.documents[0].is_idle);
-const seen = [names()];
-for (const selector of ['[data-show=none]', '[data-run="own@07"]', '[data-show=all]']) {
-  click(selector);
-  seen.push(names());
-}
-document.querySelector('.metrics').parentElement.scrollLeft = 500;
-const row = document.querySelector('.metrics tbody th').getBoundingClientRect().left;
-return [seen, sizes(), row];
-"""
-
-
 def test_of_many_runs_those_that_are_chosen_are_named_above_the_road(
     material, runs, browse, tmp_path
 ):
@@ -146,8 +138,21 @@ def test_of_many_runs_those_that_are_chosen_are_named_above_the_road(
     values = {run.name: material['runs']['own'] for run in many}
     file = tmp_path / page.REPORT_FILE
     file.write_text(page.report_html({'scenario': 'straight', 'runs': values}, many))
-    (seen, (page_width, screen), left), complaints = browse(file, PAGE + CHOSEN)
+
+    async def visit(tab):
+        await tab.until('Bokeh.documents[0].is_idle')
+        found = [await tab.value(NAMES)]
+        await tab.value("document.querySelector('[data-show=none]').click()")
+        await tab.value('document.querySelector(\'[data-run="own@07"]\').click()')
+        found.append(await tab.value(NAMES))
+        await tab.value("document.querySelector('[data-show=all]').click()")
+        found.append(await tab.value(NAMES))
+        await tab.value("document.querySelector('.metrics').parentElement.scrollLeft = 500")
+        row = "document.querySelector('.metrics tbody th').getBoundingClientRect().left"
+        return found, await tab.value(SIZES), await tab.value(row), tab.complaints()
+
+    found, (page_width, screen), left, complaints = browse(file, visit, 1200)
     assert complaints == []
-    assert seen == [[], [], ['own@07'], []]
+    assert found == [[], ['own@07'], []]
     assert page_width <= screen
     assert 0 <= left < 100, 'the names of the rows scroll away'

@@ -56,11 +56,12 @@ def test_logs_transitions_and_the_description_of_the_car_are_recorded(
     tmp_path, start_pair, messages
 ):
     recorder, ring = start_pair(tmp_path / 'bag')
-    description = ros.publisher(ring.node, '/robot_description')
-    description.publish(String(data='<robot/>'))
     ring.publish_all({'/clock': messages['/clock']})
     for transition in ('deactivate', 'activate'):
         assert ring.request('recorder', transition)
+    description = ros.publisher(ring.node, '/robot_description')
+    wait_until(description.get_subscription_count, TIMEOUT_S, 'nobody subscribes')
+    description.publish(String(data='<robot/>'))
     assert description.wait_for_all_acked(Duration(seconds=TIMEOUT_S))
     assert recorder.end()[0] == 0
     bag = read.load(tmp_path / 'bag')
