@@ -49,7 +49,6 @@ class NodeGraph:
         nodes = inputs.build_mpcc_nodes(road, mode, folder, settings)
         self.nodes = {node.role: node for node in nodes}
         self.prefix: dict[str, list[str]] = {}  # put before the command of a role
-        self.remaps: dict[str, list[str]] = {}  # FROM:=TO, by role
         self.namespace = ''  # of every node, '' for the root
         # independent of the shell
         here = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
@@ -70,15 +69,13 @@ class NodeGraph:
         for role in roles:
             node = self.nodes[role]
             program = self.prefix.get(role, []) + share.node_command(node.package, node.executable)
-            remaps = [*self.remaps.get(role, ())]
-            if self.namespace:
-                remaps.append(f'__ns:={self.namespace}')
+            in_namespace = ['-r', f'__ns:={self.namespace}'] if self.namespace else []
             self.running[role] = processes.start_node(
                 node,
                 self.folder,
                 self.environment,
                 program=program,
-                extra_arguments=[word for remap in remaps for word in ('-r', remap)],
+                extra_arguments=in_namespace,
             )
             if self.mode == 'realtime':
                 group = Path('/proc', str(self.running[role].popen.pid), 'autogroup')
