@@ -13,7 +13,7 @@ from rclpy.clock_type import ClockType
 from mpcc_controller import car_file, in_force, run_time_parameters
 from mpcc_controller.controller_inputs_node import ACTUATORS, ControllerInputs
 from mpcc_controller.driving import trigger
-from mpcc_controller.driving.actuator_monitor import FAULT
+from mpcc_controller.driving.actuator_faults import FAULT
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.records import TickInputs, unknown_state
 from mpcc_controller.driving.tick import TOO_SLOW

@@ -8,7 +8,7 @@ from node_ring import NodeRing
 
 from experiments import simulation
 from experiments.replay import check
-from mpcc_controller.driving.actuator_monitor import FAULT
+from mpcc_controller.driving.actuator_faults import FAULT
 from mpcc_controller.driving.controller import Controller
 from msgs_yaml.conversions import NS_PER_S
 from vehicle_plant.simulator import START_NS, Simulator

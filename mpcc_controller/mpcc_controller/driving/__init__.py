@@ -18,7 +18,8 @@ recovery             counter-steers a car that slides without a plan
 braking              braking along the last plan or the path, without optimisation
 last_resort          after an internal error: counted; braking that shares nothing with the tick
 stop_plan            set-points that stop the car when no command follows
-actuator_monitor     compares measured actuators with set-points; what is planned with a fault
+actuator_monitor     compares measured actuators with set-points
+actuator_faults      what is planned and sent while actuators do not follow
 late_setpoints       how late set-points arrive, from where the actuators were
 setpoints            set-points of the actuators, and commands
 friction_estimate    friction of the road from the motion of the car

@@ -18,7 +18,7 @@ from mpcc_controller.driving import (
     stop_plan,
     tick,
 )
-from mpcc_controller.driving.actuator_monitor import ActuatorState
+from mpcc_controller.driving.actuator_faults import ActuatorState
 from mpcc_controller.driving.delay_compensation import constant_ramp
 from mpcc_controller.driving.last_resort import INTERNAL_ERROR, InternalErrors
 from mpcc_controller.driving.parts import Parts

@@ -56,7 +56,9 @@ class SetpointRamp(NamedTuple):
 
 def setpoints_at(ramps: Sequence[SetpointRamp], stamp_ns: int) -> tuple[Setpoints, float]:
     """Return set-points and brake split at an instant; each ramp ends where the next one begins."""
-    ramp = next((ramp for ramp in reversed(ramps) if ramp.begin_ns <= stamp_ns), ramps[0])
+    for ramp in reversed(ramps):  # before the first one begins it holds
+        if ramp.begin_ns <= stamp_ns:
+            break
     return ramp.at(stamp_ns), ramp.lambda_b
 
 

@@ -6,7 +6,8 @@ import time
 from collections.abc import Callable
 
 from mpcc_controller.car_file import EMERGENCY_LIMITS
-from mpcc_controller.driving.actuator_monitor import ActuatorMonitor, ActuatorState
+from mpcc_controller.driving.actuator_faults import ActuatorState
+from mpcc_controller.driving.actuator_monitor import ActuatorMonitor
 from mpcc_controller.driving.friction_estimate import FrictionEstimator
 from mpcc_controller.driving.gate import Gate
 from mpcc_controller.driving.prediction_model import PredictionModel

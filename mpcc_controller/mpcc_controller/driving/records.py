@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mpcc_controller.driving.actuator_monitor import ActuatorCheck, ActuatorState
+from mpcc_controller.driving.actuator_faults import ActuatorCheck, ActuatorState
 from mpcc_controller.driving.choose import Candidacy, Choice
 from mpcc_controller.driving.delay_compensation import SetpointRamp
 from mpcc_controller.driving.fallback import Decision, Plans

@@ -65,7 +65,7 @@ MOST_RAMPS = 20  # kept after an error: those of the longest delay, known and fo
 NOT_FINITE = 'state_not_finite'
 TOO_SLOW = 'too_slow'
 PATH_ENDED = 'path_ended'
-STEERING_STICKS = 'steering_sticks'
+STEERING_STICKS, STEERING_STANDS = 'steering_sticks', 'steering_stands'
 REJECTED = 'command_turned_back'  # by the gate
 STANDS_MPS = 0.3  # a slower car that is to stop is held with the brakes
 
@@ -283,10 +283,13 @@ def _decide(
     stops = not params.limits.least_speed_mps and path.ends_in_stop and predicted.vx > STANDS_MPS
     if not reason and x0.theta > path.length and not stops:
         reason = PATH_ENDED
-    if not reason and memory.actuators.sticks:  # a plan that cannot steer
+    # who cannot steer brakes; whether forces follow also tells a steering that sticks from a delay
+    if not reason and memory.actuators.sticks:
         reason = STEERING_STICKS
+    if not reason and memory.actuators.stands:
+        reason = STEERING_STANDS
     if reason:
-        slides = sliding and reason != STEERING_STICKS  # recovery steers
+        slides = sliding and reason not in (STEERING_STICKS, STEERING_STANDS)  # recovery steers
         return *planner.brake(memory, reason, slides), x0, None
     memory, decision, attempt = planner.plan(memory, x0, world, modelled, sliding, parts)
     return memory, decision, x0, attempt

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from mpcc_controller.driving import ways
-from mpcc_controller.driving.actuator_monitor import FAULT
+from mpcc_controller.driving.actuator_faults import FAULT
 from mpcc_controller.driving.fallback import BRAKING, RECOVERY
 from mpcc_controller.driving.parts import Parts
 from mpcc_controller.driving.records import Attempt, TickRecord

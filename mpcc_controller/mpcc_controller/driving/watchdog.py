@@ -7,7 +7,7 @@ for every input, so none ages. Missed ticks are counted from the bag (`bags timi
 from collections import Counter
 from typing import Any
 
-from mpcc_controller.driving.actuator_monitor import FAULT
+from mpcc_controller.driving.actuator_faults import FAULT
 from mpcc_controller.driving.tick_report import ERROR, OK, WARN
 from mpcc_controller.parameters import Ages
 from msgs_yaml.conversions import NS_PER_S

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mpcc_controller.driving.actuator_monitor import (
+from mpcc_controller.driving.actuator_faults import (
     FAULT,
     FORCE,
     FRONT,
@@ -17,10 +17,9 @@ from mpcc_controller.driving.actuator_monitor import (
     LEAD_RAD,
     REAR,
     STEER,
-    STEER_RAD,
-    ActuatorMonitor,
     ActuatorState,
 )
+from mpcc_controller.driving.actuator_monitor import STEER_RAD, ActuatorMonitor
 from mpcc_controller.driving.delay_compensation import SetpointRamp, constant_ramp, shifted
 from mpcc_controller.driving.gate import Gate
 from mpcc_controller.driving.records import TickInputs
