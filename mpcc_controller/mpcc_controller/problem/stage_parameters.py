@@ -177,6 +177,8 @@ def left_out(obstacles: Obstacles, parameters: StageParameters) -> str:
     Where the places change from stage to stage those that are in it at no stage.
     """
     chosen, places = parameters.obstacles, parameters.places
+    if len(places) == len(obstacles.items):  # every disc has a place
+        return ''
     inside = [chosen[k].id for k in np.unique(places)]
     changes = bool(np.any(places != places[:, :1]))
     missing: dict[str, list[str]] = {'wholly': [], 'in part': []}

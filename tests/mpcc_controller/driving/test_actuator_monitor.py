@@ -109,6 +109,7 @@ def test_no_lag_and_no_short_delay_of_any_manoeuvre_is_a_fault(vehicle, delay_ms
     for points in manoeuvres():
         for state in watch_delayed(vehicle, points, delay_ms, damping):
             assert not state.faults
+            assert not state.stands
             assert abs(state.check.steer_error) < (0.5 + delay_ms / 60) * STEER_RAD
 
 
@@ -156,15 +157,17 @@ def test_a_steering_that_followed_sticks_two_ticks_after_it_stopped_if_the_force
     asked, force = (np.interp(t, TICK_S * np.arange(30), column) for column in zip(*points))
     angles = follow(np.minimum(asked, asked[15 * 50]), lags[0], 0.7)[::50]
     forces = force_follows * follow(force, lags[1], 0.7)[::50]
-    watch, ramps, found = Watch(vehicle), [*AT_REST], []
+    watch, ramps, found, stands = Watch(vehicle), [*AT_REST], [], []
     for k, (begin, end) in enumerate(itertools.pairwise(points)):
         ramps.append(SetpointRamp(k * TICK, begin, (k + 1) * TICK, end, 0.6))
         angle = angles[k] + noise_rad * rng.standard_normal()
         watch.update(message(k * TICK, angle, forces[k]), ramps, k * TICK)
         found.append(watch.state.sticks)
+        stands.append(watch.state.stands)
     # the servo ends its movement in two ticks; what it moved before does not make it free again
     first = 18 if force_follows else 20
     assert found == [False] * first + [True] * (29 - first)
+    assert stands.index(True) == 18
 
 
 @pytest.fixture
@@ -281,6 +284,7 @@ def test_a_delay_that_begins_while_driving_is_no_steering_that_sticks(vehicle, d
         states = [*watch_delayed(vehicle, points, delay_ms, 0.7, from_s=1.5)]
         assert not any(state.sticks for state in states)
         assert LATE in states[-1].faults
+        assert not states[-1].stands
 
 
 def test_a_difference_is_a_fault_after_four_ticks_and_none_after_a_second(monitor):
