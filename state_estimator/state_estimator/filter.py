@@ -183,9 +183,8 @@ class Filter:
         delta = self._chassis.delta
         if vx < SLOW_MPS:
             if abs(vx) < SLOW_MPS and not self._stands(imu):  # the rear axle does not slip
-                h = np.zeros(N)
-                h[VY], h[B_R] = 1.0, car.rear_m
-                self._correct(h, car.rear_m * r - vy, 0.1**2 + (0.2 * ay) ** 2)
+                variance = 0.1**2 + (0.2 * ay) ** 2
+                self._correct({VY: 1.0, B_R: car.rear_m}, car.rear_m * r - vy, variance)
             return
         ax = (imu.ax - b_ax) / self._pitch
         turned = yaw_acceleration * car.yaw_inertia_kgm2 / car.mass_kg
@@ -198,9 +197,8 @@ class Filter:
             if axle.steered and self._chassis_is_late(imu):
                 continue
             force, slope, over_friction = axle.force(self._alpha[k], ax, float(now.x[MU]))
-            h = np.zeros(N)
-            h[VX], h[VY] = -slope * across / vx**2, slope / vx
-            h[B_R], h[B_AY], h[MU] = -slope * axle.arm / vx, 1.0, over_friction
+            h = {VX: -slope * across / vx**2, VY: slope / vx, B_R: -slope * axle.arm / vx}
+            h |= {B_AY: 1.0, MU: over_friction}
             lateral = self._ay_slow + turned / axle.other
             sd = p.tyre_noise_mps2 + p.tyre_error * abs(lateral) + abs(slope) * p.steer_error_rad
             self._correct(h, lateral - float(now.x[B_AY]) - force, density * sd**2)
@@ -212,10 +210,8 @@ class Filter:
         p, car, imu, now = self._p, self._car, self._imu, self._now
         if self._stands(imu):
             for index, value in ((VX, 0.0), (VY, 0.0), (B_R, imu.r), (B_AX, imu.ax)):
-                h = np.zeros(N)
-                h[index] = 1.0
                 sd = 0.02 if index in (VX, VY) else 0.3 if index == B_AX else 0.01
-                self._correct(h, value - now.x[index], sd**2)
+                self._correct({index: 1.0}, value - now.x[index], sd**2)
             return
         *_, b_ax, _, b_r, _ = now.x.tolist()
         r, ax = imu.r - b_r, (imu.ax - b_ax) / self._pitch
@@ -229,9 +225,7 @@ class Filter:
             innovation = omega * car.wheel_radius_m - speed * (1.0 + slip)
             if not abs(innovation) <= 4.0 * math.sqrt(sd**2 + now.P[VX, VX]):
                 continue  # it locks, spins or says nothing
-            h = np.zeros(N)
-            h[VX], h[VY] = c, s
-            h[B_R] = wheel.y * c - wheel.x * s
+            h = {VX: c, VY: s, B_R: wheel.y * c - wheel.x * s}
             self._correct(h, innovation, sd**2 * 2.0 * p.wheel_time_s / p.chassis_s)
 
     def _chassis_is_late(self, imu):
@@ -265,23 +259,24 @@ class Filter:
         S.flat[::5] += R
         misfit = float(innovation @ np.linalg.solve(S, innovation))
         self._misfits = self._misfits + 1 if misfit > p.misfit else 0
-        if self._misfits > p.misfits:
-            self._begin_anew('the receiver stays elsewhere')
-            return
         if self._misfits:
+            if self._misfits > p.misfits:
+                self._begin_anew('the receiver stays elsewhere')
             return
         self._fix_ns = fix.stamp_ns
         correct_late(instants[at:], H, S, innovation)
         self._bound_friction()
 
-    def _correct(self, h, innovation, R):
+    def _correct(self, derivatives, innovation, R):
+        """Use a measurement by its derivatives with respect to the states that it depends on."""
+        h = np.zeros(N)
+        for state, derivative in derivatives.items():
+            h[state] = derivative
         self._now.correct(h, innovation, R)
         self._bound_friction()
 
     def _bound_friction(self):
-        x = self._now.x
-        if not MU_RANGE[0] <= x[MU] <= MU_RANGE[1]:
-            x[MU] = min(max(x[MU], MU_RANGE[0]), MU_RANGE[1])
+        self._now.x[MU] = min(max(self._now.x[MU], MU_RANGE[0]), MU_RANGE[1])
 
     def _estimate(self, imu):
         now = self._now
