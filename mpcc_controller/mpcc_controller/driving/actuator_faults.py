@@ -71,6 +71,11 @@ class ActuatorState(NamedTuple):
     lost_by: tuple[str, ...] = ()  # the same, as the last messages tell it
 
     @property
+    def steers(self) -> bool:
+        """Whether the steering may move as it is asked to."""
+        return not (self.sticks or self.stands)
+
+    @property
     def faults(self) -> tuple[str, ...]:
         """What does not follow, of STEER and FORCE, LATE set-points, and FRONT or REAR."""
         return self.check.faults if self.check else ()

@@ -92,7 +92,7 @@ class Parts:
         Beside lost brakes the other axle brakes alone; who cannot steer brakes as fast as the axles
         can. The parts solve with the same workspaces.
         """
-        if not (actuators.lost or actuators.sticks):
+        if actuators.steers and not actuators.lost:
             return self
         parts, car = copy.copy(self), self.model.car_to_brake(believed)
         parts.model = copy.copy(self.model)
@@ -101,7 +101,7 @@ class Parts:
             limits = dataclasses.replace(actuators.limits_left(params.limits, car), **rates)
             return dataclasses.replace(params, limits=limits)
 
-        rates = {'force_rate_nps': self.gate.axle_rate_nps} if actuators.sticks else {}
+        rates = {} if actuators.steers else {'force_rate_nps': self.gate.axle_rate_nps}
         parts.params = parts.model.params = limited(self.params)
         parts.params_to_brake = limited(self.params_to_brake, **rates)
         limits = dataclasses.replace(self.gate.limits, **rates)

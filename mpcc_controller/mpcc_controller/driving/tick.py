@@ -284,10 +284,8 @@ def _decide(
     if not reason and x0.theta > path.length and not stops:
         reason = PATH_ENDED
     # who cannot steer brakes; whether forces follow also tells a steering that sticks from a delay
-    if not reason and memory.actuators.sticks:
-        reason = STEERING_STICKS
-    if not reason and memory.actuators.stands:
-        reason = STEERING_STANDS
+    if not reason and not memory.actuators.steers:
+        reason = STEERING_STICKS if memory.actuators.sticks else STEERING_STANDS
     if reason:
         slides = sliding and reason not in (STEERING_STICKS, STEERING_STANDS)  # recovery steers
         return *planner.brake(memory, reason, slides), x0, None
