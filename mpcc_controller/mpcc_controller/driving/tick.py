@@ -319,7 +319,7 @@ def _act(
             law, braked = recovery.recovery_target, modelled
         else:
             law, braked = braking.braking_target, parts.model.car_to_brake(memory.believed)
-            if memory.actuators.sticks:
+            if not memory.actuators.steers:
                 law = partial(law, steers=False)
         target = law(predicted, start, ahead, braked, parts.params_to_brake)
     sent = memory.ramp.end
