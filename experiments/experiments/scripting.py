@@ -26,8 +26,7 @@ import numpy as np
 import yaml
 
 from bags.errors import BagError
-from bags.run import Run
-from bags.run_set import RunSet
+from bags.run import Run, RunSet
 from bags.storage.columns import Columns
 from experiments import drive_row, simulation
 from experiments.commands import SENSORS, sensors_file

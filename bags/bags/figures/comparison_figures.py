@@ -16,8 +16,8 @@ from matplotlib.patches import Circle, Polygon
 
 from bags.errors import BagError
 from bags.evaluation import geometry
+from bags.evaluation.drive import obstacle_position
 from bags.evaluation.metrics.registry import EvaluatedDrive
-from bags.evaluation.series import obstacle_position
 from bags.figures import overlay, panels, style
 from bags.figures.overlay import Overlay
 from bags.figures.panels import EVERY, note
@@ -223,7 +223,7 @@ def drawn_runs(runs: Mapping[str, EvaluatedDrive]) -> list[EvaluatedDrive]:
     if len(scenarios) > 1:
         listed = ', '.join(map(repr, scenarios))
         raise BagError(f'a figure shows one scenario, the runs drove {listed}: choose runs of one')
-    return panels.assign(runs)
+    return style.assign(runs)
 
 
 def draw(runs: Mapping[str, EvaluatedDrive], name: str) -> Figure:
@@ -274,7 +274,7 @@ def _draw(name, ax, runs, overlays):
 
 def _legend(figure, runs, drawn, overlays):
     """Put a legend of the runs, and of the marks in the panels, above them."""
-    looks = panels.legend_looks(runs)
+    looks = style.legend_looks(runs)
     keys = [Line2D([], [], label=label, **look.line) for label, look in looks.items()]
     keys += [Line2D([], [], label=laid.name, **laid.look.line) for laid in overlays]
     if TRAJECTORIES in drawn:

@@ -7,13 +7,12 @@ obstacles are enlarged.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from copy import copy
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from bags.evaluation.controller_log import WHY, report_numbers
+from bags.evaluation.drive import WHY, report_numbers
 from bags.evaluation.metrics.driving import GRAVITY
 from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.figures import style
@@ -91,25 +90,6 @@ def _inset(ax, runs, number, gap):
     inner.set_facecolor('white')
     for side in ('top', 'right'):
         inner.spines[side].set_visible(True)
-
-
-def assign(runs: Mapping[str, EvaluatedDrive]) -> list[EvaluatedDrive]:
-    """Return runs by name in their order, each with this name and its look."""
-    looks = style.assign_looks(list(runs), [controller_of(run) for run in runs.values()])
-    named = {name: copy(run) for name, run in runs.items()}
-    for name, run in named.items():
-        run.name, run.look = name, looks[name]
-    return list(named.values())
-
-
-def controller_of(run: EvaluatedDrive) -> str:
-    """Return the controller of a run without the label of the variant."""
-    return run.drive.facts.controller.partition('@')[0]
-
-
-def legend_looks(runs: Sequence[EvaluatedDrive]) -> dict[str, style.Look]:
-    """Return {label: Look} of the legend of runs."""
-    return style.legend_looks({run.name: run.look for run in runs}, list(map(controller_of, runs)))
 
 
 class Panel(NamedTuple):

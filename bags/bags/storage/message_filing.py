@@ -18,8 +18,8 @@ from typing import Annotated, NamedTuple
 
 from bags.errors import BagError
 from bags.storage import cdr
-from bags.storage.decoding import stamp_reader
-from bags.storage.message_definitions import schema_text, type_hash
+from bags.storage.cdr import schema_text, type_hash
+from bags.storage.columns import stamp_reader
 from bags.storage.read import LOCKSTEP
 from bags.storage.rosbag2_metadata import BagTopic, qos_text
 from msgs_yaml.contract import DERIVED_TYPES, Contract, Topic

@@ -13,7 +13,7 @@ from matplotlib.patches import Circle
 from straight_drive import drive_of, obstacle, straight_scene
 
 from bags.figures import comparison_figures, panels, style
-from bags.report import page_figures
+from bags.report import page
 
 
 @pytest.fixture(scope='module')
@@ -149,11 +149,12 @@ def test_many_runs_of_a_controller_share_a_colour_and_a_line_of_the_legend():
     assert looks['mpcc@0'].colour == style.KNOWN['mpcc']
     assert {look.width for look in looks.values()} == {style.MANY_WIDTH}
     wanted = ['mpcc: 10 runs', 'frenet: 10 runs', 'own: 10 runs']
-    assert list(style.legend_looks(looks, controllers)) == wanted
+    runs = evaluate_runs({name: drive_of(controller=name) for name in names})
+    assert list(style.legend_looks(runs)) == wanted
     # so many controllers have no colours that are told apart
-    assert list(style.legend_looks(style.assign_looks(names, names), names)) == ['30 runs']
-    few = style.assign_looks(names[:3], controllers[:3])
-    assert style.legend_looks(few, controllers[:3]) == few
+    others = evaluate_runs({f'own_{k}': drive_of(controller=f'own_{k}') for k in range(30)})
+    assert list(style.legend_looks(others)) == ['30 runs']
+    assert style.legend_looks(runs[:3]) == {run.name: run.look for run in runs[:3]}
 
 
 # of the page
@@ -166,7 +167,7 @@ def test_many_runs_of_a_controller_share_a_colour_and_a_line_of_the_legend():
     st.integers(1, 40),
 )
 def test_thinning_keeps_extremes_gaps_ends_and_order(values, bins):
-    kept = page_figures.decimate(values, bins)
+    kept = page.decimate(values, bins)
     assert np.all(np.diff(kept) > 0)
     assert (kept[0], kept[-1]) == (0, len(values) - 1)
     assert len(kept) <= 3 * bins + 2

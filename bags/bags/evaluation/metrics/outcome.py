@@ -8,8 +8,8 @@ from operator import itemgetter
 import numpy as np
 
 from bags.evaluation import geometry
+from bags.evaluation.drive import SEARCH_M
 from bags.evaluation.metrics.registry import EvaluatedDrive, metric
-from bags.evaluation.series import SEARCH_M
 
 REACHED_M = 0.1  # how closely the stop has to be reached
 SLIDING_DEG = 30.0  # sideslip that no controller here plans: twice that of the tyres' limit
