@@ -22,7 +22,7 @@ from bags import metrics_table
 from bags.evaluation import metrics
 from bags.evaluation.drive import PREDICTION, WHY, candidate_lines
 from bags.evaluation.metrics.registry import EvaluatedDrive
-from bags.figures import comparison_figures, panels, scene, style
+from bags.figures import comparison_figures, scene, style
 from bags.figures.overlay import STATION, TIME, Overlay
 from bags.report.comparability import describe_runs, origin_rows, parameter_rows
 from bags.storage.invalid_messages import KEY
@@ -71,9 +71,9 @@ def report_html(
     view = build_top_view(runs, overlays)
     duration = float(view['obstacles']['t'][-1])
     time_axis = Range1d(0.0, duration)
-    drawn = (plot_panel(panel, runs, time_axis, overlays) for panel in panels.PANELS)
+    drawn = (plot_panel(panel, runs, time_axis, overlays) for panel in comparison_figures.PANELS)
     plots = [*filter(None, drawn), plot_gg(runs)]
-    shaded = {panel.name for panel in panels.PANELS if panel.safe}
+    shaded = {panel.name for panel in comparison_figures.PANELS if panel.safe}
     document = Document()
     # one pass over all models instead of one per figure
     with document.models.freeze():
@@ -148,16 +148,16 @@ def decimate(values: np.ndarray, bins: int) -> np.ndarray:
 
 def _curve(panel, run):
     """Return the curve of a panel, None without any; of several obstacles that to the nearest."""
-    curves = panels.CURVES[panel.name](run)
+    curves = comparison_figures.CURVES[panel.name](run)
     if panel.name != 'v2o' or not curves:
         return curves[0] if curves else None
     # more lines would not be readable
     nearest = np.fmin.reduce([gap for _, gap in curves])
-    return run.stamp_ns, np.where(nearest < panels.FAR_M, nearest, np.nan)
+    return run.stamp_ns, np.where(nearest < comparison_figures.FAR_M, nearest, np.nan)
 
 
 def plot_panel(
-    panel: panels.Panel,
+    panel: comparison_figures.Panel,
     runs: Sequence[EvaluatedDrive],
     time_axis: Range1d,
     overlays: Sequence[Overlay] = (),
@@ -174,14 +174,14 @@ def plot_panel(
     values = [curve[-1] for curve in drawn] + [o.signals[panel.name] for o in laid]
     if panel.safe:
         # unsafe distances are shaded, red where circles overlap; the axis shows small ones
-        safe = panels.safe_distance(runs, panel)
+        safe = comparison_figures.safe_distance(runs, panel)
         low = min([0.0, *(np.nanmin(column) for column in values)])
-        plot.y_range = Range1d(float(low) - safe, panels.FAR_M)
+        plot.y_range = Range1d(float(low) - safe, comparison_figures.FAR_M)
         look = {'fill_alpha': 0.2, 'line_color': None, 'level': 'underlay'}
         for bottom, top, colour in ((0.0, safe, style.UNSAFE), (FLOOR_M, 0.0, style.COLLISION)):
             plot.add_layout(BoxAnnotation(bottom=bottom, top=top, fill_color=colour, **look))
     elif panel.least_span:
-        plot.y_range = Range1d(*panels.axis_limits(panel.least_span, values))
+        plot.y_range = Range1d(*comparison_figures.axis_limits(panel.least_span, values))
     else:
         most = max(panel.least_top, *(1.05 * float(np.nanmax(column)) for column in values))
         plot.y_range = Range1d(0.0, most)
@@ -217,7 +217,7 @@ def _line(plot, run, axes, columns, *tags):
 
 def plot_gg(runs: Sequence[EvaluatedDrive]) -> figure:
     """Return the accelerations at the centre of gravity within the friction circle."""
-    circle, reach = panels.friction_circle(runs)
+    circle, reach = comparison_figures.friction_circle(runs)
     ranges = {'x_range': Range1d(-reach, reach), 'y_range': Range1d(-reach, reach)}
     labels = ('a_y [m/s²], left positive', 'a_x [m/s²]')
     plot = _new_figure('gg', *labels, title='G-G diagram', **ranges)

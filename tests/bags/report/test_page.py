@@ -10,7 +10,7 @@ import pytest
 
 from bags.evaluation import metrics
 from bags.evaluation.drive import PREDICTION
-from bags.figures.panels import PANELS
+from bags.figures.comparison_figures import PANELS
 from bags.report import page
 from bags.report.comparability import (
     UNKNOWN,

@@ -3,7 +3,7 @@
 import pytest
 
 from bags.figures import style
-from bags.figures.panels import PANELS
+from bags.figures.comparison_figures import PANELS
 from bags.report import page
 
 pytestmark = pytest.mark.slow
