@@ -405,11 +405,6 @@ class Series(NamedTuple):
     v2e: dict[str, np.ndarray]  # m, per edge, vehicle circle to edge; negative beyond it
     outline_gaps: dict[int, np.ndarray]  # m, per obstacle id, true outline to it; nan while absent
 
-    @property
-    def outline_gap(self) -> np.ndarray:
-        """Gap from the true outline to the nearest obstacle [m]; infinite without one."""
-        return np.fmin.reduce([np.full(len(self.t), np.inf), *self.outline_gaps.values()])
-
     def __repr__(self):
         return f'Series({len(self.t)} samples, {len(self.v2o)} obstacles)'
 

@@ -111,24 +111,24 @@ def load(path: Path | str, warn: bool = True) -> Bag:
         raise BagError(f'{bag_path}: the bag holds no message')
     if damage and warn:
         warnings.warn(damage, DamagedBagWarning, stacklevel=2)
-    # each topic as it was described last, and of each message the number of its topic
-    records, topics, which = {}, {}, []
+    # each topic as it was described last
+    records, topics, recordings = {}, {}, {}
     for file in contents:
         records = file.records | records
         for topic in file.topics.values():
             if topics.get(topic.name, topic).type != topic.type:
                 raise BagError(f'{bag_path}: {topic.name} has messages of two types')
             topics[topic.name] = topic
-        numbers = {channel: [*topics].index(topic.name) for channel, topic in file.topics.items()}
-        which += map(numbers.get, file.channel.tolist())
-    names = ('log_ns', 'publish_ns', 'sequence')
-    times = [np.concatenate([getattr(file, name) for file in contents]) for name in names]
-    payloads = [data for file in contents for data in file.payloads]
-    recordings = {}
-    for number, (name, topic) in enumerate(topics.items()):
-        rows = np.flatnonzero(np.equal(which, number))
-        kept = (column[rows] for column in times)
-        recordings[name] = Recording(topic, *kept, [payloads[row] for row in rows])
+    for name, topic in topics.items():
+        own = []
+        for file in contents:
+            channels = [number for number, other in file.topics.items() if other.name == name]
+            rows = np.flatnonzero(np.isin(file.channel, channels))
+            columns = (column[rows] for column in (file.log_ns, file.publish_ns, file.sequence))
+            own.append((*columns, [file.payloads[row] for row in rows]))
+        *times, payloads = zip(*own)
+        payloads = [payload for part in payloads for payload in part]
+        recordings[name] = Recording(topic, *map(np.concatenate, times), payloads)
     return Bag(bag_path, tuple(files), recordings, records, damage)
 
 
