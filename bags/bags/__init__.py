@@ -1,6 +1,7 @@
 """Record runs to MCAP, play and repair them, and evaluate and compare them offline.
 
-run             runs in Python: metrics, DataFrames, derived signals, figures; one or several
+run             a run in Python: metrics, DataFrames, derived signals, figures
+run_set         several runs: one table, one figure, one report
 frames          the messages of a topic as a pandas DataFrame; unit and meaning of its columns
 metrics_table   the metrics as a table and as CSV
 storage         read, write and repair bags; needs no ROS
@@ -25,7 +26,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bags.run import Run, RunSet, compare, load
+    from bags.run_set import Run, RunSet, compare, load
 
 __all__ = ['Run', 'RunSet', 'compare', 'load']
 
@@ -34,7 +35,7 @@ def __getattr__(name: str) -> Any:
     """Import a name of __all__ when it is first used: nodes need none of them."""
     if name not in __all__:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    return getattr(import_module('bags.run'), name)
+    return getattr(import_module('bags.run_set'), name)
 
 
 def __dir__() -> list[str]:

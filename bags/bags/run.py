@@ -1,4 +1,4 @@
-"""Runs, recorded or simulated: metrics, tables, derived signals and figures of one or several.
+"""A run, recorded or simulated: its metrics, tables, derived signals and figure.
 
     import bags
 
@@ -8,29 +8,17 @@
     run.signals[['station_m', 'sideslip_rad', 'v2o_m.1']]
     run.figure().savefig('mpcc.png')
 
-    folder = 'bags/runs/double_lane_change'
-    runs = bags.compare(bags.load(f'{folder}/mpcc'), bags.load(f'{folder}/frenet'))
-    print(runs)  # the table of `bags compare`
-    runs.frame()[['controller', 'min_v2o_m', 'rms_contouring_m']]
-    runs.figure('v2o')
-    runs.report('out')  # report.html, comparison.json and .csv, figures
-
-What is computed is kept: a second access costs nothing. `experiments.drive_many` returns the runs
-of a sweep.
+What is computed is kept: a second access costs nothing.
 """
 
-import io
-import itertools
 import json
 import os
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, overload
-
-from rich.console import Console
+from typing import TYPE_CHECKING, Any
 
 from bags import frames, metrics_table
 from bags.errors import BagError, DamagedBagWarning, InvalidMessagesWarning
@@ -53,7 +41,6 @@ if TYPE_CHECKING:
 PARAMETERS = 'parameters'  # the record of the run that holds the parameters of its nodes
 NESTED = ('versions', 'machine')  # records that are mappings
 NOTHING: Mapping[str, Any] = MappingProxyType({})
-TABLE_RUNS, TABLE_WIDTH = 6, 240  # up to so many are printed as a table, of as many characters
 
 
 class UnknownNameError(BagError, KeyError):
@@ -296,110 +283,3 @@ def load_quietly(path: str | os.PathLike[str], label: str = '') -> Run:
         damage=bag.damage,
         invalid=count_invalid(bag),
     )
-
-
-class RunSet(Sequence[Run]):
-    """Runs in their order, by number, label or slice.
-
-    Labels are unique: of two recordings of `mpcc` the second is called after its folder, `mpcc@1`;
-    of two simulations it is `mpcc (2)`.
-    """
-
-    def __init__(self, runs: Iterable[Run]):
-        self.by_label: dict[str, Run] = {}
-        for run in runs:
-            folders, path = (), run.path
-            if path:
-                folders = ((path.parent if path.suffix == '.mcap' else path).name,)
-            numbered = (f'{run.label} ({number})' for number in itertools.count(2))
-            names = itertools.chain([run.label], folders, numbered)
-            self.by_label[next(name for name in names if name not in self.by_label)] = run
-
-    @overload
-    def __getitem__(self, which: int | str) -> Run: ...
-
-    @overload
-    def __getitem__(self, which: slice) -> 'RunSet': ...
-
-    def __getitem__(self, which):
-        if isinstance(which, str):
-            if which not in self.by_label:
-                known = ', '.join(map(repr, self.by_label))
-                raise UnknownNameError(
-                    f'no run {which!r}{closest(which, self.by_label)}; there are {known}'
-                )
-            return self.by_label[which]
-        chosen = [*self.by_label.values()][which]
-        return RunSet(chosen) if isinstance(which, slice) else chosen
-
-    def __len__(self) -> int:
-        return len(self.by_label)
-
-    def __iter__(self) -> Iterator[Run]:
-        return iter(self.by_label.values())
-
-    @property
-    def labels(self) -> list[str]:
-        """The label of each run."""
-        return list(self.by_label)
-
-    def frame(self) -> 'pd.DataFrame':
-        """Return a row per run, indexed by label: scenario, controller, settings, single metrics.
-
-        A setting that a run leaves as it is has the value of its parameters there. Raises BagError
-        for a run that cannot be evaluated, ImportError without pandas.
-        """
-        pandas = frames.import_pandas()
-        settings = list(dict.fromkeys(name for run in self for name in run.settings))
-        rows = [
-            {
-                'scenario': run.scenario,
-                'controller': run.controller,
-                **{name: run.settings.get(name, run.parameters.get(name)) for name in settings},
-                **run.metrics.flat(),
-            }
-            for run in self
-        ]
-        return pandas.DataFrame(rows, index=pandas.Index(self.labels, name='run'))
-
-    def figure(self, name: str = 'comparison') -> 'Figure':
-        """Return a figure of the comparison: the sheet of all panels, or one of them.
-
-        Raises BagError for an unknown name, and for runs of different scenarios.
-        """
-        # matplotlib takes a second to load
-        from bags.figures import comparison_figures
-
-        return comparison_figures.draw(self.by_label, name)
-
-    def report(self, folder: str | os.PathLike[str]) -> Path:
-        """Write report.html, comparison.json, comparison.csv and figures; return the report.
-
-        Raises BagError for runs of different scenarios.
-        """
-        from bags.figures import comparison_figures
-        from bags.report.comparison import compare_runs
-
-        return compare_runs(comparison_figures.drawn_runs(self.by_label), Path(folder)).report
-
-    def __repr__(self) -> str:
-        """Return the table of the metrics; of more than six runs a line each."""
-        if not self:
-            return 'RunSet(no runs)'
-        if len(self) > TABLE_RUNS:
-            return '\n'.join((f'RunSet of {len(self)}:', *map(repr, self)))
-        scenarios = ', '.join(dict.fromkeys(run.scenario for run in self))
-        values = {'scenario': scenarios, 'runs': {n: r.metrics for n, r in self.by_label.items()}}
-        values |= metrics_table.drives_of_paper(run.drive for run in self)
-        out = io.StringIO()
-        # plain text, also where rich would know a notebook or a terminal
-        console = Console(file=out, width=TABLE_WIDTH, color_system=None, force_jupyter=False)
-        console.print(metrics_table.build_table(values))
-        return '\n'.join(line.rstrip() for line in out.getvalue().splitlines())
-
-
-def compare(*runs: Run) -> RunSet:
-    """Return several runs as one table, figure and report. Raises BagError without any."""
-    if not runs:
-        raise BagError('compare: no run is given; allowed one or more')
-    return RunSet(runs)

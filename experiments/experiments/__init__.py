@@ -44,13 +44,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bags.run import compare
+    from bags.run_set import compare
     from experiments.scripting import drive, drive_many
 
 __all__ = ['compare', 'drive', 'drive_many']
 # imported when they are first used
 _MODULES = {
-    'compare': 'bags.run',
+    'compare': 'bags.run_set',
     'drive': 'experiments.scripting',
     'drive_many': 'experiments.scripting',
 }

@@ -26,7 +26,8 @@ import numpy as np
 import yaml
 
 from bags.errors import BagError
-from bags.run import Run, RunSet
+from bags.run import Run
+from bags.run_set import RunSet
 from bags.storage.columns import Columns
 from experiments import drive_row, simulation
 from experiments.commands import SENSORS, sensors_file

@@ -12,7 +12,7 @@ import matplotlib as mpl
 import pytest
 
 NOTEBOOKS = sorted((Path(__file__).parents[2] / 'docs/notebooks').glob('*.ipynb'))
-MODULES = ['bags', 'bags.run', 'experiments', 'experiments.scripting']
+MODULES = ['bags', 'bags.run', 'bags.run_set', 'experiments', 'experiments.scripting']
 INDENTED = re.compile(r'(?:^(?: {4}.*)?\n)+', re.MULTILINE)
 ABSOLUTE = re.compile(r'(?<![\w.:/])/(?:home|root|tmp|work|usr|opt)/\S+')
 THIS = 'tests/docs/test_python_examples.py'
