@@ -167,6 +167,11 @@ def values(bag: Bag | Path | str, topic: str) -> list[Any]:
     return _decoded(bag, recorded.topic, recorded.payloads)
 
 
+def run_info(bag: Bag | Path | str) -> dict[str, str]:
+    """Return the metadata record `run`: parameters, versions, scenario; empty without it."""
+    return (bag if isinstance(bag, Bag) else load(bag)).run_info
+
+
 def recording(bag: Bag, topic: str) -> Recording:
     """Return the messages of a topic; BagError when there are none."""
     if not has_messages(bag, topic):
