@@ -182,7 +182,7 @@ bench: setup $(VENV)/.tests
 	$(BIN)/python stage_solver/benchmark.py
 	$(BIN)/python bench/solver_comparison.py
 	$(BIN)/python bench/plant.py
-	$(BIN)/python bench/plant_node.py
+	$(BIN)/python bench/plant.py --node
 	$(BIN)/python bench/recordings.py
 
 realtime: setup $(VENV)/.tests

@@ -20,11 +20,10 @@ from functools import partial
 from itertools import islice, product
 from pathlib import Path
 
-import machine
 import numpy as np
 import pandas as pd
 import yaml
-from tables import markdown, number
+from tables import machine, markdown, number
 
 from bags.evaluation import bag_summary
 from bags.storage import read
@@ -274,7 +273,7 @@ def main() -> None:
             parser.error('--cars: needs a plant file and at least two car files')
         print(measure_cars(options.cars[0], options.cars[1:]))
         return
-    about = ', '.join(f'{key} {value}' for key, value in machine.named().items())
+    about = ', '.join(f'{key} {value}' for key, value in machine().items())
     tables = [*measure_drives(), measure_parallel(), measure_sensors()]
     tables += [measure_lengths(), measure_obstacles()] if options.scaling else []
     tables += [measure_ring()] if options.ring else []

@@ -17,13 +17,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-import machine
 import numpy as np
 import yaml
-from rich.console import Console
-from tables import markdown
+from tables import cpu_times, machine, markdown
 
-from bags.commands import timing
 from bags.evaluation import bag_summary
 from bags.storage import read
 from experiments.families.scenario_document import document
@@ -107,7 +104,7 @@ def page(found: dict, options: argparse.Namespace, spent: np.ndarray) -> str:
         return '-' if value is None else f'{value:.{decimals}f}'
 
     ticks = found['ticks']
-    about = ', '.join(f'{key} {value}' for key, value in machine.named().items())
+    about = ', '.join(f'{key} {value}' for key, value in machine().items())
     busy_s, stolen_s = spent
     head = (
         f'`python bench/realtime.py{" --fifo" if options.fifo else ""}`, all nodes and the '
@@ -151,12 +148,11 @@ def main() -> int:
     options = parser.parse_args()
     if options.fifo:
         options.settings = fifo_settings() + options.settings  # what is set by hand counts
-    before = machine.cpu_times()
+    before = cpu_times()
     with tempfile.TemporaryDirectory() as folder:
         bag = drive(options, Path(folder))
-        spent = machine.cpu_times() - before
+        spent = cpu_times() - before
         found = bag_summary.timing_report(read.load(bag))
-    timing.show(found, Console())
     if found['ticks']['count'] < MIN_SHARE * options.ticks:
         raise SystemExit(f'only {found["ticks"]["count"]} ticks: the car did not get there')
     text = page(found, options, spent)

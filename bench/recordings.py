@@ -29,7 +29,7 @@ from tables import markdown
 
 from bags.storage import read
 from bags.storage.bag_writer import BagWriter
-from bags.storage.message_filing import LOSS_RECORD, bag_topics
+from bags.storage.message_filing import LOSS_RECORD, bag_topic
 from msgs_yaml import contract, encode
 from node_runtime import ros, spin_node
 
@@ -85,7 +85,8 @@ def driven() -> read.Bag:
 def reading(folder: Path) -> dict[str, float]:
     """Write a minute of the node graph with everything at 1 kHz, read it into columns."""
     messages = GraphMessages('lockstep', every_ms=True)
-    writer = BagWriter(folder / 'minute', bag_topics(contract.load(), 'lockstep'), {})
+    topics = [bag_topic(topic, 'lockstep') for topic in contract.load().topics.values()]
+    writer = BagWriter(folder / 'minute', topics, {})
     count = 0
     for ms in range(MINUTE_MS):
         for index, data in messages.at(ms):

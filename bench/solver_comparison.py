@@ -18,14 +18,22 @@ from typing import NamedTuple
 from unittest import mock
 
 import closed_loops
-import machine
 import numpy as np
 import pandas as pd
 import problems
-from assessment import GOOD, MAX_GAP, MAX_RESIDUAL, OTHER_MINIMUM, WORSE, Assessor
-from problems import COLD, POP_UP, WARM
+from problems import (
+    COLD,
+    GOOD,
+    MAX_GAP,
+    MAX_RESIDUAL,
+    OTHER_MINIMUM,
+    POP_UP,
+    WARM,
+    WORSE,
+    Assessor,
+)
 from rich.progress import Progress
-from tables import markdown, number, share
+from tables import machine, markdown, number, pin, share
 
 from experiments import simulation
 from experiments.simulation import Setup
@@ -276,7 +284,7 @@ def main() -> None:
     passes = options.passes or (QUICK_PASSES if options.quick else FULL_PASSES)
     if passes < 1:
         parser.error('--passes must be 1 or more')
-    facts = machine.named() | {'runs on': machine.pin()}
+    facts = machine() | {'runs on': pin()}
     setup = closed_loops.make_setup(closed_loops.FULL[0])
     params = setup.params
     car = stage_parameters.car(params, setup.vehicle)

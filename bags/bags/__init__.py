@@ -2,8 +2,7 @@
 
 run             a run in Python: metrics, DataFrames, derived signals, figures
 run_set         several runs: one table, one figure, one report
-frames          the messages of a topic as a pandas DataFrame
-description     unit and meaning of its columns, shown whole
+frames          the messages of a topic as a pandas DataFrame; unit and meaning of its columns
 metrics_table   the metrics as a table and as CSV
 storage         read, write and repair bags; needs no ROS
 evaluation      one run as arrays, its metrics, the timing of its controller

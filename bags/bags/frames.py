@@ -9,13 +9,13 @@ Columns end with their unit. What has members has a column per member behind a d
 value of a report by its key (`cost.total`).
 """
 
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bags.evaluation.signals import MEMBER, SIGNALS
-from bags.storage.columns import TOPICS, Columns
-from bags.storage.decoding import DECODERS
+from bags.storage.columns import DECODERS, TOPICS, Columns
 from msgs_yaml import contract
 from msgs_yaml.flat_fields import HEADING
 from msgs_yaml.types import WHEELS, Branch
@@ -144,7 +144,11 @@ def describe(topic: str = '') -> 'pd.DataFrame':
     """
     pandas = import_pandas()
     if not topic:
-        rows = {entry.name: (entry.unit, entry.meaning) for entry in SIGNALS.values()}
+        rows = {}
+        for name, entry in SIGNALS.items():
+            keys, such_as = entry.keys
+            each = f' A column per {keys}, as {name}{MEMBER}{such_as}.' if keys else ''
+            rows[name] = entry.unit, entry.meaning + each
     else:
         units = {
             # the numbers of a heading are those of its quaternion
@@ -154,7 +158,26 @@ def describe(topic: str = '') -> 'pd.DataFrame':
         rows = {'stamp_ns': ('ns', 'ROS time at which the message is valid')}
         for name, column in _columns(topic).items():
             rows[name] = column.unit or units.get(name, ''), column.meaning
-    from bags.description import Description
-
     index = pandas.Index(rows, name='column')
-    return Description([*rows.values()], index=index, columns=['unit', 'meaning'])
+    return _description()([*rows.values()], index=index, columns=['unit', 'meaning'])
+
+
+@cache
+def _description():
+    """Return a DataFrame that shows every sentence whole; pandas cuts it after 50 characters."""
+    import pandas
+
+    class Description(pandas.DataFrame):
+        @property
+        def _constructor(self):
+            return Description
+
+        def __repr__(self):
+            width = max(map(len, map(str, self.get('meaning', ()))), default=0)
+            return self.to_string(formatters={'meaning': f'{{:<{width}}}'.format})
+
+        def _repr_html_(self):
+            with pandas.option_context('display.max_colwidth', None):
+                return self.to_html()
+
+    return Description

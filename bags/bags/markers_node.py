@@ -19,9 +19,9 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from bags.evaluation import geometry
-from bags.evaluation.controller_log import CandidateLine, candidate_lines, report_number
+from bags.evaluation.drive import CandidateLine, candidate_lines, report_number
 from bags.figures import scene, style
-from bags.storage.decoding import DECODERS
+from bags.storage.columns import DECODERS
 from msgs_yaml import contract, conversions, decode, encode, share
 from msgs_yaml.types import Obstacle, Prediction, Reference, RoadEdges, VehicleState
 from node_runtime import ros, spin_node, subscriptions_node

@@ -23,12 +23,7 @@ from typing import TYPE_CHECKING, Any
 from bags import frames, metrics_table
 from bags.errors import BagError, DamagedBagWarning, InvalidMessagesWarning
 from bags.evaluation import metrics, signals
-from bags.evaluation.drive import (
-    REQUIRED_TOPICS,
-    Drive,
-    drive_from_columns,
-    drop_nonfinite,
-)
+from bags.evaluation.drive import REQUIRED_TOPICS, Drive, drive_from_columns, drop_nonfinite
 from bags.evaluation.metrics import METRICS
 from bags.evaluation.metrics.registry import EvaluatedDrive, flatten
 from bags.storage import read
@@ -226,12 +221,9 @@ class Run(EvaluatedDrive):
         """
         if topic in self.tables:
             return self.tables[topic]
-        present = ', '.join(self.tables)
-        # a known topic without messages is no misspelling
-        hint = '' if topic in frames.FRAMED else closest(topic, self.tables)
-        text = f'no message of {topic}; it has {present}{hint}'
-        if topic in (refused := self.invalid.get(KEY, {})):
-            text = 'no valid message of {} among {count}; {first}'.format(topic, **refused[topic])
+        refused = self.invalid.get(KEY, {}).get(topic)
+        invalid = read.InvalidMessages(**refused) if refused else None
+        text = read.describe_missing(topic, self.tables, frames.FRAMED, invalid)
         raise UnknownNameError(f'{self.source}: {text}')
 
     def describe(self, topic: str = '') -> 'pd.DataFrame':

@@ -168,7 +168,7 @@ def write_bag_into():
     """
 
     def write(folder, drive, name='mpcc', extra=(), scenario='straight', text='schema: 1'):
-        topics = message_filing.bag_topics(contract.load(), 'lockstep')
+        topics = [message_filing.bag_topic(t, 'lockstep') for t in contract.load().topics.values()]
         index = {topic.name: i for i, topic in enumerate(topics)}
         info = provenance.describe_run(scenario, text, name, 'lockstep', PARAMETERS)
         bag = BagWriter(folder / name, topics, {'run': info})

@@ -2,13 +2,13 @@
 
 from bags.evaluation.drive import drop_nonfinite
 from bags.evaluation.metrics.registry import EvaluatedDrive
-from bags.figures import panels
+from bags.figures import style
 from bags.report.comparison import compare_runs
 
 
 def evaluate_runs(drives):
     """Return the runs of drives by name, in their order, each with its look."""
-    return panels.assign({name: EvaluatedDrive(drive) for name, drive in drives.items()})
+    return style.assign({name: EvaluatedDrive(drive) for name, drive in drives.items()})
 
 
 def compare_drives(drives, out):

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from bags import command_line
 
@@ -34,17 +33,15 @@ def run(args: argparse.Namespace) -> int:
 def show(values: Mapping[str, Any], paths: Mapping[str, Path], console: Console) -> None:
     """Print the table of `frame_distances.write_frame_distances` and where its files are."""
     title = f'Frenet less Cartesian distance, in metres, on a radius of {values["radius_m"]:.0f} m'
-    table = Table(title=title, title_justify='left')
-    table.add_column('m along the path', no_wrap=True)
-    rows = [('closed form', values), ('recorded poses', values['recorded'])]
-    columns = [
-        (f'{side}, {name}', numbers['overestimation_m'][side])
+    columns = {
+        f'{side}, {name}': numbers['overestimation_m'][side]
         for side in ('inside', 'outside')
-        for name, numbers in rows
+        for name, numbers in (('closed form', values), ('recorded poses', values['recorded']))
+    }
+    rows = [
+        (f'{gap:.0f}', *(f'{value:+.2f}' for value in over))
+        for gap, *over in zip(values['gaps_m'], *columns.values())
     ]
-    for name, _ in columns:
-        table.add_column(name, justify='right')
-    for i, gap in enumerate(values['gaps_m']):
-        table.add_row(f'{gap:.0f}', *(f'{column[i]:+.2f}' for _, column in columns))
-    console.print(table)
+    console.print(title)
+    console.print(command_line.table(['m along the path', *columns], rows))
     command_line.print_paths(console, paths)

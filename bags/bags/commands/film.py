@@ -36,11 +36,11 @@ def run(args: argparse.Namespace) -> int:
 
     The runs may be of different scenarios: each is seen on its own road.
     """
-    from bags.figures import film, panels
+    from bags.figures import film, style
     from bags.report.comparison import load_runs
 
     options = film.FilmOptions(args.width, args.fps, args.speed, args.begin, args.end)
     film.check(args.out, options)
-    frames = film.write_film(panels.assign(load_runs(args.bags)), args.out, options)
+    frames = film.write_film(style.assign(load_runs(args.bags)), args.out, options)
     print(f'{args.out}: {frames} frames, {args.out.stat().st_size / 1e6:.2f} MB')
     return 0

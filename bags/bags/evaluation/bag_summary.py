@@ -12,18 +12,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bags.evaluation.controller_log import STATE_STALE, WHY, is_answer, report_number
-from bags.evaluation.drive import FRESH_PLAN, tick_period_ns
+from bags.evaluation.drive import (
+    COMMAND,
+    FRESH_PLAN,
+    STATE_STALE,
+    WHY,
+    is_answer,
+    report_number,
+    tick_period_ns,
+)
 from bags.evaluation.metrics.driving import count_periods
 from bags.storage import read
-from bags.storage.decoding import header_stamps_ns
+from bags.storage.columns import header_stamps_ns
 from bags.storage.invalid_messages import count_invalid, drop_invalid
 from bags.storage.message_filing import LossCounter
 from bags.storage.read import LOCKSTEP, STATE
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.types import Why
 
-COMMAND = '/controller/command'
 CLOCK = '/clock'
 NS_PER_MS = 1e6
 MS_PER_S = 1e3

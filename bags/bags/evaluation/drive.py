@@ -1,36 +1,43 @@
-"""One run as arrays in SI units: `drive_from_columns(columns, ...)`.
+"""One run as arrays in SI units, and what follows from them sample by sample.
+
+drive_from_columns   motion, inputs, ticks, scene, parameters of a run
+compute_series       distances and angles: the basis of metrics and figures
+candidate_lines ...  what the controller published about its ticks: plans, numbers, answers
 
 Positions are in the frame `map`, velocities and accelerations in `base_link` (ISO 8855).
 """
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from bags.errors import BagError
-from bags.evaluation.controller_log import is_answer, report_numbers
+from bags.evaluation import geometry
 from bags.evaluation.geometry import Outline
 from bags.storage.columns import Columns
 from bags.storage.read import LOCKSTEP
 from msgs_yaml import contract
 from msgs_yaml.conversions import NS_PER_S
-from msgs_yaml.types import Obstacles
+from msgs_yaml.types import Obstacles, Why
 from node_runtime import provenance
 
 REQUIRED_TOPICS = (
     *('/scenario/reference', '/scenario/road_edges', '/scenario/obstacles'),
     '/vehicle/odometry',
 )
-MEASURED_TOPICS = ('/vehicle/actuators', '/vehicle/imu')  # absent from a plant that has no such
-CONTROLLER_TOPICS = ('/controller/command', '/controller/why')  # absent without any answer
+COMMAND, WHY = '/controller/command', '/controller/why'  # absent without any answer
+PREDICTION = '/controller/prediction'
 FRESH_PLAN = ('solved', 'stopped_early')  # fallback levels (`rung`) that follow a fresh plan
-CONVERGED_PLAN = FRESH_PLAN[0]
 LATERAL_LIMIT = 'plant_lateral_limit_mps2'  # in the run information, where it is known
 LONGEST_S = 86_400.0  # of a drive
 EMPTY_NS, NEVER = np.empty(0, dtype=np.int64), np.empty(0, dtype=bool)
+STATE_STALE = 'state_stale'  # the reason of a command that answers no state
+SEARCH_M = 15.0  # how far the projection on the reference may move between two messages
+NS = 1e-9  # s
+SIDESLIP_FROM = 3.0  # m/s, the sideslip angle of a standing car is undefined
 
 
 class Motion(NamedTuple):
@@ -143,10 +150,10 @@ def drive_from_columns(
     Without /vehicle/imu there are no accelerations, without /vehicle/actuators no inputs. Raises
     BagError in lockstep when two controllers answered, and for missing parameters.
     """
-    command, why = (columns.get(topic) for topic in CONTROLLER_TOPICS)
+    command, why = columns.get(COMMAND), columns.get(WHY)
     if run_info.get('mode') == LOCKSTEP:
         # only a second controller, or a second plant, gives two messages of one stamp
-        for topic in {'/vehicle/odometry', CONTROLLER_TOPICS[0]} & columns.keys():
+        for topic in {'/vehicle/odometry', COMMAND} & columns.keys():
             stamps, counts = np.unique(columns[topic].stamp_ns, return_counts=True)
             if np.any(counts > 1):
                 stamp_s = stamps[np.argmax(counts)] / NS_PER_S
@@ -155,7 +162,8 @@ def drive_from_columns(
                     'two controllers or plants shared a ROS domain, so the run cannot be evaluated'
                 )
     reference, edges, obstacles, state = (columns[topic] for topic in REQUIRED_TOPICS)
-    actuators, imu = (columns.get(topic) for topic in MEASURED_TOPICS)
+    # absent from a plant that has no such
+    actuators, imu = columns.get('/vehicle/actuators'), columns.get('/vehicle/imu')
     accelerations, inputs, answered = NO_ACCELERATIONS, NO_INPUTS, EMPTY_NS
     reports = why.values if why else ()
     if imu:
@@ -173,7 +181,7 @@ def drive_from_columns(
         np.array([rung not in FRESH_PLAN for rung in rungs], dtype=bool),
         '' if not rungs or rungs[-1] in FRESH_PLAN else str(reports[-1].values.get('reason', '')),
         why.stamp_ns if why else EMPTY_NS,
-        np.array([rung == CONVERGED_PLAN for rung in rungs], dtype=bool),
+        np.array([rung == FRESH_PLAN[0] for rung in rungs], dtype=bool),
     )
     return Drive(
         Motion(state.stamp_ns, state.x_m, state.y_m, state.yaw_rad, state.vx_mps, state.vy_mps),
@@ -300,7 +308,7 @@ def tick_period_ns(run_info: Mapping[str, str]) -> int:
     parameters = json.loads(run_info.get('parameters', '{}'))
     step_s = parameters.get('controller', {}).get('model.step_s')
     if step_s is None:
-        rates_hz = contract.load().topics[CONTROLLER_TOPICS[0]].rate_hz
+        rates_hz = contract.load().topics[COMMAND].rate_hz
         step_s = 1.0 / rates_hz[run_info.get('mode', LOCKSTEP)]
     return round(step_s * NS_PER_S)
 
@@ -340,3 +348,120 @@ def drop_nonfinite(drive: Drive) -> Drive:
                 f'allowed up to {LONGEST_S:.0f} s'
             )
     return drive._replace(**sampled)
+
+
+class CandidateLine(NamedTuple):
+    """One plan that was compared."""
+
+    number: int  # 0 is the plan followed before
+    name: str  # the initial guess: `left of 1`, `brake`
+    points: np.ndarray  # (n, 2) m, map
+    is_chosen: bool
+    is_clean: bool  # touches nothing and stays on the road
+
+
+def candidate_lines(why: Mapping[str, float | str]) -> list[CandidateLine]:
+    """Return the plans of one tick that have a line; none where a tick compared nothing."""
+    lines = []
+    for number in range(int(why.get('candidates.count', 0))):
+        key = f'candidates.{number}'
+        text = why.get(f'{key}.line')
+        if isinstance(text, str):
+            points = np.array([pair.split(',') for pair in text.split()], float)
+            chosen, clean = why.get('candidates.chosen') == number, why.get(f'{key}.clean') == 1
+            lines.append(CandidateLine(number, str(why[f'{key}.name']), points, chosen, clean))
+    return lines
+
+
+def report_number(report: Mapping[str, float | str], key: str) -> float:
+    """Return a number of one report; not-a-number where the key has none."""
+    value = report.get(key)
+    return float(value) if isinstance(value, (int, float)) else math.nan
+
+
+def report_numbers(reports: Iterable[Why], key: str) -> np.ndarray:
+    """Return the number (n,) of each report; not-a-number where one has none."""
+    return np.array([report_number(why.values, key) for why in reports], dtype=float)
+
+
+def is_answer(command_ns: np.ndarray, reports: Iterable[Why]) -> np.ndarray:
+    """Return for each command stamp (n,) [ns] whether it answers a state.
+
+    Without `reports`, those of the controller, every command counts as an answer.
+    """
+    stale = [why.stamp_ns for why in reports if why.values.get('reason') == STATE_STALE]
+    return ~np.isin(command_ns, stale)
+
+
+class Series(NamedTuple):
+    """One entry per odometry message of the drive."""
+
+    t: np.ndarray  # s, since the first
+    station: np.ndarray  # m, along the reference
+    contouring: np.ndarray  # m, left of the reference positive
+    speed: np.ndarray  # m/s
+    sideslip: np.ndarray  # rad, atan2(vy, vx), not-a-number at speeds below SIDESLIP_FROM
+    v2o: dict[int, np.ndarray]  # m, per obstacle id, vehicle circle to obstacle; nan while absent
+    v2e: dict[str, np.ndarray]  # m, per edge, vehicle circle to edge; negative beyond it
+    outline_gaps: dict[int, np.ndarray]  # m, per obstacle id, true outline to it; nan while absent
+
+    def __repr__(self):
+        return f'Series({len(self.t)} samples, {len(self.v2o)} obstacles)'
+
+
+def compute_series(drive: Drive) -> Series:
+    """Return the Series of a drive."""
+    motion, scene, facts = drive.motion, drive.scene, drive.facts
+    points = np.column_stack([motion.x, motion.y])
+    projection = geometry.project_drive(points, scene.reference, SEARCH_M)
+    circles = circle_centres(motion, facts.circles)
+
+    def nearest(gaps):
+        """Return the smallest distance (n,) over the car's circles; `gaps` are of their centres."""
+        return np.min(gaps, axis=0) - facts.vehicle_radius
+
+    # of an obstacle of several discs the nearest counts
+    pose, v2o, outline_gaps = (motion.x, motion.y, motion.yaw), {}, {}
+    for o in scene.obstacles:
+        x, y = obstacle_position(o, scene, motion.stamp_ns)
+        away = nearest([np.hypot(*(at - np.column_stack([x, y])).T) - o.radius for at in circles])
+        gap = geometry.gap_to_circle(*pose, facts.outline, x, y, o.radius)
+        v2o[o.id] = np.fmin(v2o.get(o.id, away), away)
+        outline_gaps[o.id] = np.fmin(outline_gaps.get(o.id, gap), gap)
+    speed = np.hypot(motion.vx, motion.vy)
+    sideslip = np.arctan2(motion.vy, motion.vx)
+    return Series(
+        t=(motion.stamp_ns - motion.stamp_ns[0]) * NS,
+        station=projection.distance,
+        contouring=projection.offset,
+        speed=speed,
+        sideslip=np.where(speed > SIDESLIP_FROM, sideslip, np.nan),
+        # D_V2O of the paper (eq. 3), and D_V2E (eq. 4) with the sign of the road's side
+        v2o=v2o,
+        v2e={
+            side: nearest([inside * geometry.distance_to_polyline(at, edge) for at in circles])
+            for side, inside, edge in (('left', -1.0, scene.left), ('right', 1.0, scene.right))
+        },
+        outline_gaps=outline_gaps,
+    )
+
+
+def latest_message(scene: Scene, stamp_ns: np.ndarray) -> np.ndarray:
+    """Return the index of the latest message of the obstacles at each stamp; 0 before the first."""
+    return np.maximum(np.searchsorted(scene.obstacle_stamp_ns, stamp_ns, side='right') - 1, 0)
+
+
+def obstacle_position(
+    obstacle: Obstacle, scene: Scene, stamp_ns: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return x, y [m] at each stamp: the latest message, extrapolated at constant velocity."""
+    latest = latest_message(scene, stamp_ns)
+    age = (stamp_ns - scene.obstacle_stamp_ns[latest]) * NS
+    x = obstacle.x[latest] + obstacle.vx[latest] * age
+    return x, obstacle.y[latest] + obstacle.vy[latest] * age
+
+
+def circle_centres(motion: Motion, circles: Sequence[float]) -> list[np.ndarray]:
+    """Return the centres (n, 2) [m, map] of the car's circles, so far ahead of its own centre."""
+    cos, sin = np.cos(motion.yaw), np.sin(motion.yaw)
+    return [np.column_stack([motion.x + d * cos, motion.y + d * sin]) for d in circles]

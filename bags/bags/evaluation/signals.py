@@ -1,71 +1,30 @@
 """Derived signals of a run on the time base of its odometry: a column each, in plain numpy.
 
-    @signal('rad')
-    def sideslip_rad(run):
-        '''Sideslip angle at the centre of gravity.'''
-        return run.series.sideslip
-
-adds one: the name of the function is the column and ends with its unit, the docstring is its
-meaning. A function that returns a dictionary has a column per key, `v2o_m.1`, and its decorator
-says what the keys are, `@signal('m', by='obstacle id', such_as='1')`; one that returns None, for
-want of a topic, has none. Distances and angles are those of `series`, by which the metrics judge.
-Positive is to the left (ISO 8855), forces and angles are those of base_link.
+A row of SIGNALS adds one. Its key is the column and ends with its unit. Values that are a
+dictionary are a column per key, `v2o_m.1`, and `keys` says what the keys are and names one; None,
+for want of a topic, is no column. Distances and angles are those of `Series`, by which the metrics
+judge. Positive is to the left (ISO 8855), forces and angles are those of base_link.
 """
 
-import inspect
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from bags.evaluation.controller_log import report_numbers
+from bags.evaluation.drive import COMMAND, WHY, report_numbers
 from bags.evaluation.metrics.driving import GRAVITY
 from bags.evaluation.metrics.registry import EvaluatedDrive
 from msgs_yaml.types import WHEELS
 
-ACTUATORS, WHEEL_STATES = '/vehicle/actuators', '/vehicle/wheels'
-COMMAND, WHY = '/controller/command', '/controller/why'
-AXLES = ('front', 'rear')
 MEMBER = '.'  # between a column and its member, an obstacle id or a wheel
-
-
-class Signal(NamedTuple):
-    """One derived signal."""
-
-    function: Callable[[EvaluatedDrive], Any]
-    name: str  # the column, or what is before the member in its columns
-    unit: str
-    meaning: str  # the docstring as one line; of several columns also how they are called
-
-
-SIGNALS: dict[str, Signal] = {}  # in the order in which they are defined
-
-
-def signal(unit: str, by: str = '', such_as: str = '') -> Callable:
-    """Return a decorator that registers a signal under the name of its function.
-
-    `by` says what the keys of several columns are, `such_as` is one of them. Raises ValueError for
-    a name that is registered.
-    """
-
-    def register(function):
-        name = function.__name__
-        if name in SIGNALS:
-            raise ValueError(f'the signal {name} is registered already')
-        meaning = ' '.join(inspect.getdoc(function).split())
-        if by:
-            meaning += f' A column per {by}, as {name}{MEMBER}{such_as}.'
-        SIGNALS[name] = Signal(function, name, unit, meaning)
-        return function
-
-    return register
 
 
 def compute_signals(run: EvaluatedDrive) -> dict[str, np.ndarray]:
     """Return every signal (n,) by column; columns that want an unrecorded topic are absent."""
     columns = {}
     for name, entry in SIGNALS.items():
-        values = entry.function(run)
+        values = entry.values(run)
         if isinstance(values, Mapping):
             columns |= {f'{name}{MEMBER}{key}': member for key, member in values.items()}
         elif values is not None:
@@ -76,12 +35,14 @@ def compute_signals(run: EvaluatedDrive) -> dict[str, np.ndarray]:
 def resample(run: EvaluatedDrive, topic: str, column: str) -> np.ndarray | None:
     """Return a column of a topic at the time base, linear in between; None without the topic.
 
-    Shape (n,), or (n, 4) of a column of the wheels; not-a-number outside of the recorded time.
+    Shape (n,), or (n, 4) of a column of the wheels; not-a-number outside of the recorded time. A
+    command is due one period after its state.
     """
     if topic not in run.tables:
         return None
     table = run.tables[topic]
-    return interpolate(run.stamp_ns, table.stamp_ns, getattr(table, column))
+    due_ns = run.drive.facts.tick_ns if topic == COMMAND else 0
+    return interpolate(run.stamp_ns, table.stamp_ns + due_ns, getattr(table, column))
 
 
 def interpolate(at_ns: np.ndarray, stamp_ns: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -95,85 +56,32 @@ def interpolate(at_ns: np.ndarray, stamp_ns: np.ndarray, values: np.ndarray) -> 
     return np.interp(at_ns, stamp_ns[order], values[order], left=np.nan, right=np.nan)
 
 
-@signal('m')
-def station_m(run):
-    """Distance along the coarse path, of the point of it that is nearest to the car."""
-    return run.series.station
-
-
-@signal('m')
-def contouring_m(run):
-    """Distance from the coarse path, positive to its left."""
-    return run.series.contouring
-
-
-@signal('m/s')
-def speed_mps(run):
-    """Speed over ground."""
-    return run.series.speed
-
-
-@signal('rad')
-def sideslip_rad(run):
-    """Sideslip angle at the centre of gravity, atan2(vy, vx); not-a-number below 3 m/s."""
-    return run.series.sideslip
-
-
-@signal('m', by='obstacle id', such_as='1')
-def v2o_m(run):
-    """Distance D_V2O (eq. 3) of the car's circles to each obstacle; not-a-number while absent."""
-    return run.series.v2o
-
-
-@signal('m', by='edge', such_as='left')
-def v2e_m(run):
-    """Distance D_V2E (eq. 4) of the car's circles to each road edge; negative beyond it."""
-    return run.series.v2e
-
-
-@signal('m', by='obstacle id', such_as='1')
-def outline_gap_m(run):
-    """Gap from the true outline of the car to each obstacle; negative is the depth of overlap."""
-    return run.series.outline_gaps
-
-
-@signal('m/s²')
-def ax_mps2(run):
-    """Measured longitudinal acceleration at the centre of gravity, without gravity."""
-    return _measured(run).get('ax')
-
-
-@signal('m/s²')
-def ay_mps2(run):
-    """Measured lateral acceleration at the centre of gravity, positive to the left."""
-    return _measured(run).get('ay')
-
-
-@signal('-')
-def friction_use(run):
-    """Measured acceleration over µg, of the tyres that the controller believes in."""
-    measured = _measured(run)
-    if not measured:
+def measured(run: EvaluatedDrive, axis: str) -> np.ndarray | None:
+    """Return the acceleration (n,) [m/s^2] along `ax` or `ay`; None where none was measured."""
+    table = run.drive.accelerations
+    if not table.stamp_ns.size:
         return None
-    return np.hypot(measured['ax'], measured['ay']) / (run.drive.facts.friction * GRAVITY)
+    return interpolate(run.stamp_ns, table.stamp_ns, getattr(table, axis))
 
 
-@signal('-', by='axle', such_as='front')
-def model_friction_use(run):
-    """Share of the tyre force of each axle that the controller's model uses, of the last tick."""
+def friction_use(run: EvaluatedDrive) -> np.ndarray | None:
+    """Return the signal of this name."""
+    ax, ay = measured(run, 'ax'), measured(run, 'ay')
+    return None if ax is None else np.hypot(ax, ay) / (run.drive.facts.friction * GRAVITY)
+
+
+def _model_friction_use(run):
     if WHY not in run.tables:
         return None
     why = run.tables[WHY]
     last = np.searchsorted(why.stamp_ns, run.stamp_ns, side='right') - 1
-    use = {axle: report_numbers(why.values, f'friction.{axle}') for axle in AXLES}
+    use = {axle: report_numbers(why.values, f'friction.{axle}') for axle in ('front', 'rear')}
     return {axle: np.where(last < 0, np.nan, values[last]) for axle, values in use.items()}
 
 
-@signal('-', by='wheel', such_as='fl')
-def tyre_use(run):
-    """Horizontal over vertical force of each tyre: the coefficient of friction that it uses."""
+def _tyre_use(run):
     parts = ('force_x_n', 'force_y_n', 'load_n')
-    forward, leftward, load = (resample(run, WHEEL_STATES, name) for name in parts)
+    forward, leftward, load = (resample(run, '/vehicle/wheels', name) for name in parts)
     if load is None:
         return None
     # a wheel in the air uses none
@@ -181,56 +89,107 @@ def tyre_use(run):
     return dict(zip(WHEELS, use.T))
 
 
-@signal('rad')
-def steer_rad(run):
-    """Road-wheel angle of the actuator, positive to the left."""
-    return resample(run, ACTUATORS, 'steer_rad')
+class Signal(NamedTuple):
+    """One derived signal."""
+
+    unit: str
+    meaning: str  # in one sentence
+    values: Callable[[EvaluatedDrive], Any]
+    keys: tuple[str, str] = ('', '')  # of several columns: what their keys are, and one of them
 
 
-@signal('rad')
-def steer_command_rad(run):
-    """Commanded road-wheel angle: linear from one set-point to the next, as they fall due."""
-    return _commanded(run, 'steer_rad')
-
-
-@signal('N')
-def front_x_n(run):
-    """Longitudinal force of the actuators at the front axle, braking negative."""
-    return resample(run, ACTUATORS, 'front_x_n')
-
-
-@signal('N')
-def front_x_command_n(run):
-    """Commanded longitudinal force at the front axle, linear between set-points."""
-    return _commanded(run, 'front_x_n')
-
-
-@signal('N')
-def rear_x_n(run):
-    """Longitudinal force of the actuators at the rear axle, braking negative."""
-    return resample(run, ACTUATORS, 'rear_x_n')
-
-
-@signal('N')
-def rear_x_command_n(run):
-    """Commanded longitudinal force at the rear axle, linear between set-points."""
-    return _commanded(run, 'rear_x_n')
-
-
-def _measured(run):
-    """Return the accelerations (n,) [m/s^2] by axis; {} where none was measured."""
-    measured = run.drive.accelerations
-    if not measured.stamp_ns.size:
-        return {}
-    stamp_ns = measured.stamp_ns
-    axes = {'ax': measured.ax, 'ay': measured.ay}
-    return {name: interpolate(run.stamp_ns, stamp_ns, axis) for name, axis in axes.items()}
-
-
-def _commanded(run, column):
-    """Return a set-point (n,) over time: a command is due one period after its state."""
-    if COMMAND not in run.tables:
-        return None
-    command = run.tables[COMMAND]
-    due_ns = command.stamp_ns + run.drive.facts.tick_ns
-    return interpolate(run.stamp_ns, due_ns, getattr(command, column))
+ACTUATED = partial(resample, topic='/vehicle/actuators')
+COMMANDED = partial(resample, topic=COMMAND)
+SIGNALS: dict[str, Signal] = {
+    'station_m': Signal(
+        'm',
+        'Distance along the coarse path, of the point of it that is nearest to the car.',
+        lambda run: run.series.station,
+    ),
+    'contouring_m': Signal(
+        'm',
+        'Distance from the coarse path, positive to its left.',
+        lambda run: run.series.contouring,
+    ),
+    'speed_mps': Signal('m/s', 'Speed over ground.', lambda run: run.series.speed),
+    'sideslip_rad': Signal(
+        'rad',
+        'Sideslip angle at the centre of gravity, atan2(vy, vx); not-a-number below 3 m/s.',
+        lambda run: run.series.sideslip,
+    ),
+    'v2o_m': Signal(
+        'm',
+        "Distance D_V2O (eq. 3) of the car's circles to each obstacle; not-a-number while absent.",
+        lambda run: run.series.v2o,
+        ('obstacle id', '1'),
+    ),
+    'v2e_m': Signal(
+        'm',
+        "Distance D_V2E (eq. 4) of the car's circles to each road edge; negative beyond it.",
+        lambda run: run.series.v2e,
+        ('edge', 'left'),
+    ),
+    'outline_gap_m': Signal(
+        'm',
+        'Gap from the true outline of the car to each obstacle; negative is the depth of overlap.',
+        lambda run: run.series.outline_gaps,
+        ('obstacle id', '1'),
+    ),
+    'ax_mps2': Signal(
+        'm/s²',
+        'Measured longitudinal acceleration at the centre of gravity, without gravity.',
+        partial(measured, axis='ax'),
+    ),
+    'ay_mps2': Signal(
+        'm/s²',
+        'Measured lateral acceleration at the centre of gravity, positive to the left.',
+        partial(measured, axis='ay'),
+    ),
+    'friction_use': Signal(
+        '-',
+        'Measured acceleration over µg, of the tyres that the controller believes in.',
+        friction_use,
+    ),
+    'model_friction_use': Signal(
+        '-',
+        "Share of the tyre force of each axle that the controller's model uses, of the last tick.",
+        _model_friction_use,
+        ('axle', 'front'),
+    ),
+    'tyre_use': Signal(
+        '-',
+        'Horizontal over vertical force of each tyre: the coefficient of friction that it uses.',
+        _tyre_use,
+        ('wheel', 'fl'),
+    ),
+    'steer_rad': Signal(
+        'rad',
+        'Road-wheel angle of the actuator, positive to the left.',
+        partial(ACTUATED, column='steer_rad'),
+    ),
+    'steer_command_rad': Signal(
+        'rad',
+        'Commanded road-wheel angle: linear from one set-point to the next, as they fall due.',
+        partial(COMMANDED, column='steer_rad'),
+    ),
+    'front_x_n': Signal(
+        'N',
+        'Longitudinal force of the actuators at the front axle, braking negative.',
+        partial(ACTUATED, column='front_x_n'),
+    ),
+    'front_x_command_n': Signal(
+        'N',
+        'Commanded longitudinal force at the front axle, linear between set-points.',
+        partial(COMMANDED, column='front_x_n'),
+    ),
+    'rear_x_n': Signal(
+        'N',
+        'Longitudinal force of the actuators at the rear axle, braking negative.',
+        partial(ACTUATED, column='rear_x_n'),
+    ),
+    'rear_x_command_n': Signal(
+        'N',
+        'Commanded longitudinal force at the rear axle, linear between set-points.',
+        partial(COMMANDED, column='rear_x_n'),
+    ),
+}

@@ -23,7 +23,7 @@ from PIL import Image
 
 from bags.errors import BagError
 from bags.evaluation import geometry
-from bags.evaluation.controller_log import PREDICTION
+from bags.evaluation.drive import PREDICTION
 from bags.evaluation.metrics.registry import EvaluatedDrive
 from bags.evaluation.signals import friction_use
 from bags.figures import scene, style

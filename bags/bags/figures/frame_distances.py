@@ -19,8 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as Disc
 
 from bags.errors import BagError
-from bags.evaluation.drive import Drive
-from bags.evaluation.series import circle_centres
+from bags.evaluation.drive import Drive, circle_centres
 from bags.figures import style
 
 ROUNDNESS = 1e-3  # relative deviation of a reference's radius below which it is a circle

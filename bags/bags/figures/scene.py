@@ -1,6 +1,6 @@
 """A run from above as a list of shapes, computed once for every view of it.
 
-The figures and the film draw the shapes with Matplotlib, `report.page_figures` on the page, and
+The figures and the film draw the shapes with Matplotlib, `report.page` on the page, and
 `markers_node` as markers. Positions are in the frame map [m].
 
 road_shapes, obstacle_shapes, car_shapes   of values, wherever they come from
@@ -14,10 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from bags.evaluation import geometry
-from bags.evaluation.controller_log import PREDICTION
+from bags.evaluation.drive import PREDICTION, obstacle_position
 from bags.evaluation.geometry import Outline, transform_to_map
 from bags.evaluation.metrics.registry import EvaluatedDrive
-from bags.evaluation.series import obstacle_position
 from msgs_yaml.conversions import NS_PER_S
 
 WHEEL_M = (0.65, 0.24)  # length and width, as drawn

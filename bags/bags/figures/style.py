@@ -7,8 +7,11 @@ narrower.
 
 import string
 from collections.abc import Mapping, Sequence
+from copy import copy
 from pathlib import Path
 from typing import NamedTuple
+
+from bags.evaluation.metrics.registry import EvaluatedDrive
 
 # Okabe and Ito, "Color universal design"; a controller keeps its colour in every figure
 KNOWN = {'mpcc': '#0072B2', 'mpcc_no_ca': '#4D4D4D', 'frenet': '#D55E00'}
@@ -115,13 +118,27 @@ def assign_looks(names: Sequence[str], controllers: Sequence[str] = ()) -> dict[
     return looks
 
 
-def legend_looks(looks: Mapping[str, Look], controllers: Sequence[str]) -> dict[str, Look]:
+def assign(runs: Mapping[str, EvaluatedDrive]) -> list[EvaluatedDrive]:
+    """Return runs by name in their order, each with this name and its look."""
+    looks = assign_looks(list(runs), [_controller(run) for run in runs.values()])
+    named = {name: copy(run) for name, run in runs.items()}
+    for name, run in named.items():
+        run.name, run.look = name, looks[name]
+    return list(named.values())
+
+
+def _controller(run):
+    """Return the controller of a run without the label of the variant."""
+    return run.drive.facts.controller.partition('@')[0]
+
+
+def legend_looks(runs: Sequence[EvaluatedDrive]) -> dict[str, Look]:
     """Return {label: Look} of a legend: the runs, or of more than MANY how many share a colour."""
-    if len(looks) <= MANY:
-        return dict(looks)
+    if len(runs) <= MANY:
+        return {run.name: run.look for run in runs}
     groups: dict[Look, list[str]] = {}
-    for look, controller in zip(looks.values(), controllers):
-        groups.setdefault(look._replace(width=WIDTH), []).append(controller)
+    for run in runs:
+        groups.setdefault(run.look._replace(width=WIDTH), []).append(_controller(run))
     return {
         f'{names[0]}: {len(names)} runs' if len(set(names)) == 1 else f'{len(names)} runs': look
         for look, names in groups.items()

@@ -2,6 +2,5 @@
 
 comparison     compare bags, or runs, and write all results
 comparability  refuse runs of different scenarios or plants; what drove, and its provenance
-page           report.html
-page_figures   its panels and its film of the manoeuvre, with Bokeh
+page           report.html, with its panels and its film of the manoeuvre
 """

@@ -13,7 +13,7 @@ from bags.command_line import print_paths, print_text
 from bags.errors import BagError
 from bags.evaluation import metrics
 from bags.evaluation.metrics.registry import EvaluatedDrive
-from bags.figures import comparison_figures, panels, style
+from bags.figures import comparison_figures, style
 from bags.figures.overlay import Overlay, read_overlays
 from bags.report import page
 from bags.report.comparability import check_comparable
@@ -53,7 +53,7 @@ def compare_bags(
     runs = load_runs(paths)
     if not force:
         check_comparable(paths, [run.run_info for run in runs.values()])
-    drawn = panels.assign(runs)
+    drawn = style.assign(runs)
     overlays = read_overlays(overlay_files, list(runs), drawn[0].drive.scene)
     return compare_runs(drawn, out, overlays, singly)
 
@@ -89,7 +89,7 @@ def compare_runs(
     overlays: Sequence[Overlay] = (),
     singly: bool = False,
 ) -> Comparison:
-    """Write the results of runs that have names and looks (`panels.assign`) into the folder `out`.
+    """Write the results of runs that have names and looks (`style.assign`) into the folder `out`.
 
     They are those of `compare_bags`. Of a run without tables and `run_info` the report shows
     neither horizon nor provenance.

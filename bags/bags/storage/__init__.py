@@ -2,10 +2,9 @@
 
 read                  a bag in memory, its topics as columns and values
 invalid_messages      drop the messages that break the contract
-columns               the columns of each topic
-decoding              stamps, values and columns from raw messages
+columns               stamps, values and columns of raw messages
 bag_writer            write a bag, in one file or several
 repair                rebuild a bag that was cut off or damaged
 message_filing        the log time of a message, and how many were lost
-mcap_reader, mcap_scan, rosbag2_metadata, message_definitions, cdr   the formats
+mcap_reader, rosbag2_metadata, cdr   the formats
 """

@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 
 from bags.errors import BagError
-from bags.storage import columns
 from bags.storage.cdr import Layout
-from bags.storage.decoding import (
+from bags.storage.columns import (
     DECODE_ERRORS,
     DECODERS,
-    STAMP,
+    TOPICS,
     column,
-    decode_message,
+    decode_each,
     group_by_layout,
     header_stamps_ns,
+    stamp_columns,
 )
 from bags.storage.read import LOCKSTEP, STATE, Bag, InvalidMessages
 from bags.storage.rosbag2_metadata import BagTopic
@@ -52,18 +52,14 @@ def drop_invalid(bag: Bag) -> Bag:
     for name, recorded in bag.recordings.items():
         if name not in DECODERS or not recorded.payloads:
             continue
-        payloads, known, reasons = recorded.payloads, {}, {}
+        payloads, reasons = recorded.payloads, {}
         valid = obeys_contract(recorded.topic, payloads)
         # the others are decoded, which decides and gives the reason
-        for i in np.flatnonzero(~valid).tolist():
-            if payloads[i] not in known:
-                try:
-                    known[payloads[i]] = decode_message(recorded.topic, payloads[i]), ''
-                except DECODE_ERRORS as error:
-                    reason = str(error).removeprefix(f'{name}: ') or type(error).__name__
-                    known[payloads[i]] = None, reason
-            if known[payloads[i]][1]:
-                reasons[i] = known[payloads[i]][1]
+        doubtful = np.flatnonzero(~valid).tolist()
+        known = decode_each(recorded.topic, [payloads[i] for i in doubtful])
+        for i in doubtful:
+            if isinstance(error := known[payloads[i]], DECODE_ERRORS):
+                reasons[i] = str(error).removeprefix(f'{name}: ') or type(error).__name__
         if name in VEHICLE_TOPICS:
             keep_twins = name == STATE and bag.run_info.get('mode') == LOCKSTEP
             # of those that obey the contract
@@ -73,7 +69,7 @@ def drop_invalid(bag: Bag) -> Bag:
             reasons |= {int(rows[k]): reason for k, reason in foreign}
         kept = np.setdiff1d(np.arange(len(payloads)), list(reasons))
         if not valid.any():
-            decoded[name] = [known[payloads[i]][0] for i in kept]
+            decoded[name] = [known[payloads[i]] for i in kept]
         if reasons:
             recordings[name] = recorded.rows(kept)
             first = min(reasons)
@@ -108,7 +104,7 @@ def obeys_contract(topic: BagTopic, payloads: list[bytes]) -> np.ndarray:
     without a table, and when one of them does not fit its definition.
     """
     obeys = np.zeros(len(payloads), dtype=bool)
-    if topic.name not in columns.TOPICS:
+    if topic.name not in TOPICS:
         return obeys
     known, fields = contract.load().topics[topic.name], flat_fields.load(topic.name)
     example = fields.fill(fields.to_value(0, [0.0] * len(fields.paths)))
@@ -118,9 +114,7 @@ def obeys_contract(topic: BagTopic, payloads: list[bytes]) -> np.ndarray:
             # frames, joint names and array lengths are those of the contract
             if (layout.strings, layout.numbers) != (wanted.strings, wanted.numbers):
                 continue
-            sec, nanosec = (
-                column(bytes_, layout, f'{STAMP}.{part}') for part in ('sec', 'nanosec')
-            )
+            sec, nanosec = stamp_columns(bytes_, layout)
             valid = (sec > 0) | (sec == 0) & (nanosec > 0)
             numbers = {path: column(bytes_, layout, path) for path in known.fields}
             valid &= conformance.obeys(known.name, numbers)

@@ -18,11 +18,11 @@ from typing import Annotated, NamedTuple
 
 from bags.errors import BagError
 from bags.storage import cdr
-from bags.storage.decoding import stamp_reader
-from bags.storage.message_definitions import schema_text, type_hash
+from bags.storage.cdr import schema_text, type_hash
+from bags.storage.columns import stamp_reader
 from bags.storage.read import LOCKSTEP
 from bags.storage.rosbag2_metadata import BagTopic, qos_text
-from msgs_yaml.contract import DERIVED_TYPES, Contract, Topic
+from msgs_yaml.contract import DERIVED_TYPES, Topic
 from msgs_yaml.conversions import NS_PER_S
 from msgs_yaml.decode import DecodeError, stamp_ns_of
 from node_runtime.parameters import Range, Struct
@@ -70,23 +70,21 @@ class LossCounter:
     """Counts the messages of one topic."""
 
     def __init__(self):
-        self._received = self._lost = self._gaps = self._longest = 0
-        self._first = self._last = None
+        self._received = self._lost = self._gaps = self._longest = self._before = self._last = 0
         self._increasing = True
 
     def add(self, sequence: int | None) -> None:
         """Count a message; its number is 0 or None where the middleware gives none."""
-        self._received += 1
-        last, self._last = self._last, sequence
-        if last is None:
-            self._first = sequence
-        if not sequence or (last is not None and sequence <= last):
-            self._increasing = False
-        elif last is not None and sequence > last + 1:
-            missing = sequence - last - 1
+        missing = (sequence or 0) - self._last - 1
+        self._increasing &= missing >= 0
+        if not self._received:
+            self._before = missing
+        elif missing > 0:
             self._lost += missing
             self._gaps += 1
             self._longest = max(self._longest, missing)
+        self._received += 1
+        self._last = sequence or 0
 
     def add_all(self, sequence: Iterable[int]) -> 'LossCounter':
         """Count many messages; return this counter."""
@@ -99,7 +97,7 @@ class LossCounter:
         """The counts so far."""
         if not (self._received and self._increasing):
             return Losses(self._received, None, None, None, None)
-        return Losses(self._received, self._lost, self._gaps, self._longest, self._first - 1)
+        return Losses(self._received, self._lost, self._gaps, self._longest, self._before)
 
 
 class SimulatedTime:
@@ -167,11 +165,6 @@ class SimulatedTime:
         while self._waiting:
             self._file_next()
         return left_out
-
-
-def bag_topics(contract: Contract, mode: str) -> list[BagTopic]:
-    """Return every topic of the contract as a bag describes it, in the order of the contract."""
-    return [bag_topic(topic, mode) for topic in contract.topics.values()]
 
 
 def bag_topic(topic: Topic, mode: str) -> BagTopic:

@@ -6,7 +6,7 @@ contract are left out by `invalid_messages.drop_invalid`.
 """
 
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -14,12 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bags.errors import BagError, DamagedBagWarning
-from bags.storage.columns import TOPICS, Columns
-from bags.storage.decoding import (
+from bags.storage.columns import (
     DECODE_ERRORS,
     DECODERS,
+    TOPICS,
+    Columns,
     build_columns,
-    decode_message,
+    decode_each,
     header_stamps_ns,
 )
 from bags.storage.mcap_reader import mcap_files, missing_before, read_mcap
@@ -110,24 +111,24 @@ def load(path: Path | str, warn: bool = True) -> Bag:
         raise BagError(f'{bag_path}: the bag holds no message')
     if damage and warn:
         warnings.warn(damage, DamagedBagWarning, stacklevel=2)
-    # each topic as it was described last, and of each message the number of its topic
-    records, topics, which = {}, {}, []
+    # each topic as it was described last
+    records, topics, recordings = {}, {}, {}
     for file in contents:
         records = file.records | records
         for topic in file.topics.values():
             if topics.get(topic.name, topic).type != topic.type:
                 raise BagError(f'{bag_path}: {topic.name} has messages of two types')
             topics[topic.name] = topic
-        numbers = {channel: [*topics].index(topic.name) for channel, topic in file.topics.items()}
-        which += map(numbers.get, file.channel.tolist())
-    names = ('log_ns', 'publish_ns', 'sequence')
-    times = [np.concatenate([getattr(file, name) for file in contents]) for name in names]
-    payloads = [data for file in contents for data in file.payloads]
-    recordings = {}
-    for number, (name, topic) in enumerate(topics.items()):
-        rows = np.flatnonzero(np.equal(which, number))
-        kept = (column[rows] for column in times)
-        recordings[name] = Recording(topic, *kept, [payloads[row] for row in rows])
+    for name, topic in topics.items():
+        own = []
+        for file in contents:
+            channels = [number for number, other in file.topics.items() if other.name == name]
+            rows = np.flatnonzero(np.isin(file.channel, channels))
+            columns = (column[rows] for column in (file.log_ns, file.publish_ns, file.sequence))
+            own.append((*columns, [file.payloads[row] for row in rows]))
+        *times, payloads = zip(*own)
+        payloads = [payload for part in payloads for payload in part]
+        recordings[name] = Recording(topic, *map(np.concatenate, times), payloads)
     return Bag(bag_path, tuple(files), recordings, records, damage)
 
 
@@ -141,11 +142,9 @@ def columns(bag: Bag | Path | str, topics: Iterable[str] | None = None) -> dict[
     that does not fit its definition; of topics without numeric columns also for one that breaks the
     contract.
     """
-    bag = _loaded(bag)
+    bag = bag if isinstance(bag, Bag) else load(bag)
     if topics is None:
-        topics = [
-            n for n, recorded in bag.recordings.items() if recorded.payloads and n in DECODERS
-        ]
+        topics = [name for name in bag.recordings if name in DECODERS and has_messages(bag, name)]
     # the stamp of the first state; of the first message without any state
     zero_ns = min((int(r.log_ns[0]) for r in bag.recordings.values() if r.payloads), default=0)
     if has_messages(bag, STATE):
@@ -163,36 +162,39 @@ def values(bag: Bag | Path | str, topic: str) -> list[Any]:
 
     Raises BagError for a topic without messages and for a message that breaks the contract.
     """
-    bag = _loaded(bag)
+    bag = bag if isinstance(bag, Bag) else load(bag)
     recorded = recording(bag, topic)
     return _decoded(bag, recorded.topic, recorded.payloads)
 
 
 def run_info(bag: Bag | Path | str) -> dict[str, str]:
     """Return the metadata record `run`: parameters, versions, scenario; empty without it."""
-    return _loaded(bag).run_info
+    return (bag if isinstance(bag, Bag) else load(bag)).run_info
 
 
 def recording(bag: Bag, topic: str) -> Recording:
     """Return the messages of a topic; BagError when there are none."""
-    if not has_messages(bag, topic) and topic in bag.invalid:
-        count, first = bag.invalid[topic]
-        raise BagError(f'{bag.path}: no valid message of {topic} among {count}; {first}')
     if not has_messages(bag, topic):
-        present = ', '.join(name for name in bag.recordings if has_messages(bag, name))
-        # a known topic without messages is no misspelling
-        hint = '' if topic in bag.recordings else closest(topic, bag.recordings)
-        raise BagError(f'{bag.path}: no message of {topic}; it has {present}{hint}')
+        present = [name for name in bag.recordings if has_messages(bag, name)]
+        text = describe_missing(topic, present, bag.recordings, bag.invalid.get(topic))
+        raise BagError(f'{bag.path}: {text}')
     return bag.recordings[topic]
+
+
+def describe_missing(
+    topic: str, present: Collection[str], known: Collection[str], invalid: InvalidMessages | None
+) -> str:
+    """Return why there is no message of a topic; `present` are the topics that have some."""
+    if invalid:
+        return f'no valid message of {topic} among {invalid.count}; {invalid.first}'
+    # a known topic without messages is no misspelling
+    hint = '' if topic in known else closest(topic, present)
+    return f'no message of {topic}; it has {", ".join(present)}{hint}'
 
 
 def has_messages(bag: Bag, *topics: str) -> bool:
     """Return whether there is a message of each of the topics."""
     return all(name in bag.recordings and bool(bag.recordings[name].payloads) for name in topics)
-
-
-def _loaded(bag):
-    return bag if isinstance(bag, Bag) else load(bag)
 
 
 def _table(bag, name, zero_ns):
@@ -214,14 +216,11 @@ def _decoded(bag, topic, payloads):
     if topic.name not in DECODERS:
         raise BagError(f'{bag.path}: {topic.name} is no topic of the contract')
     known = dict(zip(bag.recordings[topic.name].payloads, bag.decoded.get(topic.name, ())))
-    for i, payload in enumerate(payloads):
-        if payload in known:
-            continue
-        try:
-            known[payload] = decode_message(topic, payload)
-        except DECODE_ERRORS as error:
-            raise BagError(f'{bag.path}: message {i} of {topic.name}: {error}') from error
+    known |= decode_each(topic, [payload for payload in payloads if payload not in known])
     decoded = [known[payload] for payload in payloads]
+    for i, error in enumerate(decoded):
+        if isinstance(error, DECODE_ERRORS):
+            raise BagError(f'{bag.path}: message {i} of {topic.name}: {error}') from error
     if topic.name == HEALTH:
         return [status for statuses in decoded for status in statuses]
     return decoded

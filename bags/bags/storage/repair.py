@@ -17,8 +17,7 @@ import yaml
 
 from bags.errors import BagError
 from bags.storage.bag_writer import INFORMATION, METADATA, McapFile, mcap_name, write_metadata
-from bags.storage.mcap_reader import EMPTY_FILE, mcap_files, missing_before, read_mcap
-from bags.storage.mcap_scan import Damage
+from bags.storage.mcap_reader import EMPTY_FILE, Damage, mcap_files, missing_before, read_mcap
 from bags.storage.rosbag2_metadata import YAML_ERRORS, FileFacts, build_metadata
 from msgs_yaml.conversions import NS_PER_S
 

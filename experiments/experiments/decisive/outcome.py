@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from bags.evaluation.drive import drive_from_columns, drop_nonfinite
+from bags.evaluation.drive import SIDESLIP_FROM, drive_from_columns, drop_nonfinite
 from bags.evaluation.metrics.outcome import SLIDING_DEG
 from bags.evaluation.metrics.registry import METRICS, EvaluatedDrive
-from bags.evaluation.series import SIDESLIP_FROM
 from experiments import drive_row, simulation
 from experiments.drive_records import DriveRecords
 from experiments.drive_row import Row

@@ -15,7 +15,7 @@ from rich.console import Console
 from bags.command_line import table
 from bags.errors import BagError
 from bags.storage import read
-from bags.storage.decoding import DECODE_ERRORS, decode_message
+from bags.storage.columns import DECODE_ERRORS, decode_message
 from experiments.configuration.inputs import ESTIMATOR
 from experiments.replay import recorded_ticks, replayed_controller
 from experiments.replay.recorded_ticks import BELIEVED, Tick

@@ -15,10 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bags.errors import BagError
-from bags.evaluation.controller_log import report_number
-from bags.evaluation.drive import LOCKSTEP
+from bags.evaluation.drive import LOCKSTEP, report_number
 from bags.storage import read
-from bags.storage.decoding import DECODE_ERRORS, decode_message, stamp_reader
+from bags.storage.columns import DECODE_ERRORS, decode_message, stamp_reader
 from mpcc_controller import run_time_parameters
 from mpcc_controller.driving.tick_report import ACTUATORS_AGE, RESUMED
 from msgs_yaml import types

@@ -16,8 +16,8 @@ from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import breakup_chunk
 
 from bags.evaluation import geometry
-from bags.storage.decoding import DECODE_ERRORS, decode_message
-from bags.storage.mcap_scan import RECORD_PREFIX, records_in_chunk
+from bags.storage.columns import DECODE_ERRORS, decode_message
+from bags.storage.mcap_reader import RECORD_PREFIX, records_in_chunk
 from bags.storage.rosbag2_metadata import BagTopic
 from msgs_yaml.conversions import NS_PER_S
 
@@ -80,11 +80,11 @@ class PositionReader:
             with file.open('rb') as stream:
                 stream.seek(offset)
                 data = stream.read()
-            for opcode, begin, end in records_in_chunk(data):
-                offset += RECORD_PREFIX.size + end - begin
+            for opcode, body in records_in_chunk(data):
+                offset += RECORD_PREFIX.size + len(body)
                 self._offsets[file] = offset
                 if opcode == Opcode.CHUNK:
-                    yield Chunk.read(ReadDataStream(BytesIO(data[begin:end])))
+                    yield Chunk.read(ReadDataStream(BytesIO(body)))
 
     def _last_state(self, chunk):
         """Return the last state in a chunk; store channel, schema and the time of the first."""

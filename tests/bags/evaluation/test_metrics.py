@@ -12,10 +12,9 @@ from straight_drive import MS, START_NS, drive_of, obstacle, straight_scene
 
 from bags.errors import BagError
 from bags.evaluation import metrics
-from bags.evaluation.drive import Ticks, obstacle_tracks
+from bags.evaluation.drive import Ticks, obstacle_position, obstacle_tracks
 from bags.evaluation.metrics import driving
 from bags.evaluation.metrics.registry import EvaluatedDrive
-from bags.evaluation.series import obstacle_position
 from msgs_yaml import types
 
 TRACK = 1.6

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from straight_drive import drive_of, obstacle, straight_scene
 
-from bags.figures import comparison_figures, panels, style
-from bags.report import page_figures
+from bags.figures import comparison_figures, style
+from bags.report import page
 
 
 @pytest.fixture(scope='module')
@@ -34,7 +34,7 @@ def trajectories(runs):
 def test_a_figure_shows_every_run_in_its_own_colour_and_has_units(runs):
     colours = {run.look.colour for run in runs}
     assert len(colours) == len(runs)
-    for name, panel in comparison_figures.PANELS.items():
+    for name, panel in comparison_figures.FIGURES.items():
         axes = Figure().add_subplot()
         panel(axes, runs)
         assert {line.get_color() for line in axes.get_lines()} >= colours, name
@@ -82,14 +82,16 @@ def test_whole_cars_and_obstacles_are_in_view_and_what_moves_has_times(runs):
     ('crowd', 'titles'),
     [
         ([obstacle(1, 50.0, 2.5)], ['obstacle 1']),
-        ([obstacle(1, 50.0, 2.1 + panels.NEAR_M + 0.1)], []),
+        ([obstacle(1, 50.0, 2.1 + comparison_figures.NEAR_M + 0.1)], []),
         ([obstacle(1, 30.0, 2.5), obstacle(2, 70.0, 2.5)], ['obstacle 1', 'obstacle 2']),
         ([obstacle(k, 5.0 + 15.0 * k, 2.5) for k in range(7)], []),  # no room beside it
     ],
 )
 def test_closest_approaches_are_enlarged_where_there_is_room(crowd, titles):
     ax = Figure().add_subplot()
-    panels.FIGURES['v2o'](ax, evaluate_runs({'mpcc': drive_of(scene=straight_scene(crowd))}))
+    comparison_figures.FIGURES['v2o'](
+        ax, evaluate_runs({'mpcc': drive_of(scene=straight_scene(crowd))})
+    )
     assert sorted(inner.get_title() for inner in ax.child_axes) == titles
     spans = sorted(a.get_position(original=True).intervalx.tolist() for a in ax.child_axes)
     assert all(before[1] < after[0] for before, after in itertools.pairwise(spans))
@@ -97,24 +99,24 @@ def test_closest_approaches_are_enlarged_where_there_is_room(crowd, titles):
         drawn = inner.get_lines()[0].get_ydata()
         # circles of 1.1 m and 1.0 m, 2.5 m apart
         assert drawn.min() == pytest.approx(0.4, abs=1e-6)
-        assert drawn.max() < panels.NEAR_M
+        assert drawn.max() < comparison_figures.NEAR_M
 
 
 def test_a_panel_of_obstacles_without_any_says_so():
     axes = Figure().add_subplot()
-    panels.FIGURES['v2o'](axes, evaluate_runs({'mpcc': drive_of()}))
+    comparison_figures.FIGURES['v2o'](axes, evaluate_runs({'mpcc': drive_of()}))
     assert 'no obstacle within 5 m' in {text.get_text() for text in axes.texts}
 
 
 def test_an_axis_is_not_filled_by_noise_and_holds_every_value(runs):
     noise = 20.0 + 0.01 * np.sin(np.arange(100.0))
-    low, high = panels.axis_limits(5.0, [noise])
+    low, high = comparison_figures.axis_limits(5.0, [noise])
     assert high - low == pytest.approx(5.0)
-    low, high = panels.axis_limits(5.0, [noise, np.array([3.0, np.nan, 31.0])])
+    low, high = comparison_figures.axis_limits(5.0, [noise, np.array([3.0, np.nan, 31.0])])
     assert low < 3.0 < 31.0 < high
-    assert panels.axis_limits(2.0, [np.full(3, np.nan)]) == (-1.0, 1.0)
+    assert comparison_figures.axis_limits(2.0, [np.full(3, np.nan)]) == (-1.0, 1.0)
     gg = Figure().add_subplot()
-    panels.draw_gg(gg, runs)
+    comparison_figures.draw_gg(gg, runs)
     assert gg.get_xlim() == gg.get_ylim()
 
 
@@ -149,11 +151,12 @@ def test_many_runs_of_a_controller_share_a_colour_and_a_line_of_the_legend():
     assert looks['mpcc@0'].colour == style.KNOWN['mpcc']
     assert {look.width for look in looks.values()} == {style.MANY_WIDTH}
     wanted = ['mpcc: 10 runs', 'frenet: 10 runs', 'own: 10 runs']
-    assert list(style.legend_looks(looks, controllers)) == wanted
+    runs = evaluate_runs({name: drive_of(controller=name) for name in names})
+    assert list(style.legend_looks(runs)) == wanted
     # so many controllers have no colours that are told apart
-    assert list(style.legend_looks(style.assign_looks(names, names), names)) == ['30 runs']
-    few = style.assign_looks(names[:3], controllers[:3])
-    assert style.legend_looks(few, controllers[:3]) == few
+    others = evaluate_runs({f'own_{k}': drive_of(controller=f'own_{k}') for k in range(30)})
+    assert list(style.legend_looks(others)) == ['30 runs']
+    assert style.legend_looks(runs[:3]) == {run.name: run.look for run in runs[:3]}
 
 
 # of the page
@@ -166,7 +169,7 @@ def test_many_runs_of_a_controller_share_a_colour_and_a_line_of_the_legend():
     st.integers(1, 40),
 )
 def test_thinning_keeps_extremes_gaps_ends_and_order(values, bins):
-    kept = page_figures.decimate(values, bins)
+    kept = page.decimate(values, bins)
     assert np.all(np.diff(kept) > 0)
     assert (kept[0], kept[-1]) == (0, len(values) - 1)
     assert len(kept) <= 3 * bins + 2

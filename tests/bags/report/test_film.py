@@ -10,7 +10,7 @@ from PIL import Image
 from straight_drive import obstacle, straight_scene
 
 from bags.errors import BagError
-from bags.evaluation.controller_log import PREDICTION
+from bags.evaluation.drive import PREDICTION
 from bags.figures import film
 from bags.figures.film import FilmOptions
 from bags.storage.columns import Columns

@@ -9,7 +9,6 @@ from bags import cli
 from bags.errors import BagError
 from bags.figures import comparison_figures, style
 from bags.figures.overlay import AXES, SIGNALS, read_overlays
-from bags.report import page
 
 MEASURED = """# read off a figure
 time_s, vx_mps, steer_deg, x_m, y_m
@@ -50,7 +49,7 @@ def test_units_are_converted_to_those_of_the_panels(tmp_path, runs):
 
 
 def test_every_column_belongs_to_a_panel():
-    drawn = {panel.name for panel in page.PANELS} | {'gg_x'}
+    drawn = {panel.name for panel in comparison_figures.PANELS} | {'gg_x'}
     assert {signal for signal, _ in SIGNALS.values()} == drawn
     assert not set(AXES) & set(SIGNALS)
 

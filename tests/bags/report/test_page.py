@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from bags.evaluation import metrics
-from bags.evaluation.controller_log import PREDICTION
-from bags.figures.panels import PANELS
-from bags.report import page, page_figures
+from bags.evaluation.drive import PREDICTION
+from bags.figures.comparison_figures import PANELS
+from bags.report import page
 from bags.report.comparability import (
     UNKNOWN,
     describe_runs,
@@ -71,17 +71,17 @@ def test_a_drive_without_notes_has_a_report_all_the_same(material, runs):
 
 
 def test_the_film_is_where_the_drive_was(runs):
-    t = page_figures.frame_times(runs)
+    t = page.frame_times(runs)
     assert t[-1] >= runs[0].series.t[-1]
     run = runs[0]
-    car = page_figures.car_frames(run, t)
+    car = page.car_frames(run, t)
     k = np.searchsorted(run.series.t, t[100])
     assert car['x'][100] == pytest.approx(run.drive.motion.x[k], abs=1e-3)
     assert car['y'][100] == pytest.approx(run.drive.motion.y[k], abs=1e-3)
-    view = page_figures.build_top_view(runs)
+    view = page.build_top_view(runs)
     x = view['obstacles']['x']
     assert x[:, 0] == pytest.approx(60.0)
-    assert np.diff(x[:, 1]) == pytest.approx(5.0 * page_figures.FRAME_NS * 1e-9, abs=1e-4)
+    assert np.diff(x[:, 1]) == pytest.approx(5.0 * page.FRAME_NS * 1e-9, abs=1e-4)
     assert view['runs'][0]['plan']['x'].shape == (len(run.sent(PREDICTION)), 26)
 
 
@@ -127,4 +127,4 @@ def test_the_film_opens_where_the_runs_are_closest_to_an_obstacle(runs):
     nearest = {run.name: np.fmin.reduce(list(run.series.v2o.values())) for run in runs}
     first = min(runs, key=lambda run: np.nanmin(nearest[run.name]))
     wanted = first.series.t[np.nanargmin(nearest[first.name])]
-    assert page_figures.opening_time(runs) == wanted > 0.0
+    assert page.opening_time(runs) == wanted > 0.0

@@ -2,8 +2,8 @@
 
 import pytest
 
-from bags.figures import panels, style
-from bags.figures.panels import PANELS
+from bags.figures import style
+from bags.figures.comparison_figures import PANELS
 from bags.report import page
 
 pytestmark = pytest.mark.slow
@@ -134,7 +134,7 @@ def test_zooming_one_panel_zooms_all_and_a_run_can_be_hidden_and_followed(report
 def test_of_many_runs_those_that_are_chosen_are_named_above_the_road(
     material, runs, browse, tmp_path
 ):
-    many = panels.assign({f'own@{k:02d}': runs[1] for k in range(style.MANY + 1)})
+    many = style.assign({f'own@{k:02d}': runs[1] for k in range(style.MANY + 1)})
     values = {run.name: material['runs']['own'] for run in many}
     file = tmp_path / page.REPORT_FILE
     file.write_text(page.report_html({'scenario': 'straight', 'runs': values}, many))

@@ -96,7 +96,10 @@ def every_message():
     }
 
 
-TOPICS = {topic.name: topic for topic in message_filing.bag_topics(contract.load(), 'lockstep')}
+TOPICS = {
+    name: message_filing.bag_topic(topic, 'lockstep')
+    for name, topic in contract.load().topics.items()
+}
 
 
 def recording(topic, payloads, log_ns=None, publish_ns=None):

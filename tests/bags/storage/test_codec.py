@@ -15,8 +15,8 @@ from bags.errors import BagError
 from bags.evaluation.bag_summary import summarize_bag
 from bags.storage import cdr, columns, read, repair
 from bags.storage.bag_writer import BagWriter
-from bags.storage.decoding import column, group_by_layout, stamp_reader
-from bags.storage.message_definitions import SEPARATOR, schema_text, type_hash
+from bags.storage.cdr import SEPARATOR, schema_text, type_hash
+from bags.storage.columns import column, group_by_layout, stamp_reader
 from bags.storage.rosbag2_metadata import DEPTH, BagTopic, parse_qos, qos_text
 from msgs_yaml import contract, conversions, types
 

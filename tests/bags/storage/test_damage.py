@@ -27,7 +27,7 @@ from rosbags.rosbag2 import Reader
 from bags.errors import BagError, DamagedBagWarning
 from bags.evaluation.bag_summary import summarize_bag
 from bags.player_node import build_playlist
-from bags.storage import mcap_scan, read, repair
+from bags.storage import mcap_reader, read, repair
 from bags.storage.bag_writer import BagWriter
 from bags.storage.mcap_reader import mcap_files, read_mcap
 
@@ -71,7 +71,7 @@ def healthy(tmp_path_factory, bag_folder):
     writer.close()
     file = folder / 'bag_0.mcap'
     data = file.read_bytes()
-    records = list(mcap_scan.scan_records(data))
+    records = list(mcap_reader.scan_records(data))
     parts = [
         (item.offset, after.offset)
         for item, after in pairwise(records)
@@ -250,10 +250,10 @@ def test_commands_say_what_is_damaged_and_what_was_recovered(healthy, damage, ba
 
 def first_of(codec, data, size):
     """Return the first thing in a file that begins with a chunk without a checksum."""
-    body = mcap_scan.CHUNK_HEADER.pack(0, 0, size, 0, len(codec)) + codec
+    body = mcap_reader.CHUNK_HEADER.pack(0, 0, size, 0, len(codec)) + codec
     body += struct.pack('<Q', len(data)) + data
-    head = mcap_scan.RECORD_PREFIX.pack(Opcode.CHUNK, len(body))
-    return next(mcap_scan.scan_records(mcap_scan.MCAP0_MAGIC + head + body))
+    head = mcap_reader.RECORD_PREFIX.pack(Opcode.CHUNK, len(body))
+    return next(mcap_reader.scan_records(mcap_reader.MCAP0_MAGIC + head + body))
 
 
 UNSAID = zstandard.ZstdCompressor(write_content_size=False)
@@ -269,7 +269,7 @@ def test_chunk_that_does_not_say_its_size_is_read_within_what_its_head_claims(co
     result = first_of(codec, packed, 1000)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert isinstance(result, mcap_scan.Damage)
+    assert isinstance(result, mcap_reader.Damage)
     assert peak < 10_000_000
 
 

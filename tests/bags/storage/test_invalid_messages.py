@@ -22,7 +22,7 @@ from bags.evaluation.bag_summary import summarize_bag
 from bags.report.comparison import compare_bags, show_comparison
 from bags.run import load_quietly
 from bags.storage import read
-from bags.storage.decoding import DECODE_ERRORS, decode_message
+from bags.storage.columns import DECODE_ERRORS, decode_message
 from bags.storage.invalid_messages import (
     count_invalid,
     describe_invalid,

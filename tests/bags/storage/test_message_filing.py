@@ -10,7 +10,7 @@ from rclpy.serialization import serialize_message
 
 from bags.recorder_node import RecordingHealth
 from bags.storage import message_filing
-from bags.storage.message_definitions import schema_text
+from bags.storage.cdr import schema_text
 from bags.storage.message_filing import (
     AHEAD_NS,
     LARGEST_WAIT,

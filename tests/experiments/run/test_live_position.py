@@ -13,7 +13,7 @@ from msgs_yaml.types import VehicleState
 from node_runtime import ros
 
 REFERENCE = np.array([[0.0, 0.0], [500.0, 0.0]])
-TOPICS = message_filing.bag_topics(contract.load(), 'lockstep')
+TOPICS = [message_filing.bag_topic(t, 'lockstep') for t in contract.load().topics.values()]
 STATE = [topic.name for topic in TOPICS].index('/vehicle/odometry')
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from bags.evaluation import geometry
+from bags.evaluation.drive import SEARCH_M, obstacle_position
 from bags.evaluation.metrics.registry import EvaluatedDrive, metric
-from bags.evaluation.series import SEARCH_M, obstacle_position
 
 GRAVITY = 9.81  # m/s^2
 BRAKING_N = -500.0  # the longitudinal force from which a car counts as braking

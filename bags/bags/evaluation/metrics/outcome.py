@@ -8,8 +8,8 @@ from operator import itemgetter
 import numpy as np
 
 from bags.evaluation import geometry
+from bags.evaluation.drive import SEARCH_M
 from bags.evaluation.metrics.registry import EvaluatedDrive, metric
-from bags.evaluation.series import SEARCH_M
 
 REACHED_M = 0.1  # how closely the stop has to be reached
 SLIDING_DEG = 30.0  # sideslip that no controller here plans: twice that of the tyres' limit
@@ -150,14 +150,13 @@ def outline_entered_unsafe_area(run):
 @metric('min distance to obstacle', 'm', 2)
 def min_v2o_m(run):
     """Smallest distance D_V2O between the circles of the car and an obstacle."""
-    gaps = run.value(min_v2o_per_obstacle_m).values()
-    return min((gap for gap in gaps if gap is not None), default=None)
+    return _least(run.value(min_v2o_per_obstacle_m))
 
 
 @metric('  obstacle {}', 'm', 2)
 def min_v2o_per_obstacle_m(run):
     """Smallest distance D_V2O to each obstacle, by its id."""
-    return {str(number): smallest_finite(gap) for number, gap in run.series.v2o.items()}
+    return {str(number): _smallest_finite(gap) for number, gap in run.series.v2o.items()}
 
 
 @metric('min distance to road edge', 'm', 2)
@@ -169,19 +168,19 @@ def min_v2e_m(run):
 @metric('  {}', 'm', 2)
 def min_v2e_per_edge_m(run):
     """Smallest distance D_V2E to the left and to the right edge."""
-    return {side: smallest_finite(gap) for side, gap in run.series.v2e.items()}
+    return {side: _smallest_finite(gap) for side, gap in run.series.v2e.items()}
 
 
 @metric('min gap of the outline', 'm', 2)
 def min_outline_gap_m(run):
     """Smallest gap between the true outline and an obstacle; negative: depth of the overlap."""
-    return smallest_finite(run.series.outline_gap)
+    return _least(run.value(min_outline_gap_per_obstacle_m))
 
 
 @metric(unit='m')
 def min_outline_gap_per_obstacle_m(run):
     """Smallest gap between the true outline and each obstacle, by its id."""
-    return {str(number): smallest_finite(gap) for number, gap in run.series.outline_gaps.items()}
+    return {str(number): _smallest_finite(gap) for number, gap in run.series.outline_gaps.items()}
 
 
 @metric('min outline distance to edge', 'm', 2)
@@ -197,8 +196,12 @@ def min_outline_v2e_per_edge_m(run):
     return {side: float(margin.min()) for side, margin in margins.items()}
 
 
-def smallest_finite(values: np.ndarray) -> float | None:
-    """Return the smallest finite value; None without any."""
+def _least(gaps):
+    return min((gap for gap in gaps.values() if gap is not None), default=None)
+
+
+def _smallest_finite(values):
+    """Return the smallest finite value of an array; None without any."""
     finite = values[np.isfinite(values)]
     return float(finite.min()) if finite.size else None
 
@@ -282,7 +285,7 @@ def find_losses(run: EvaluatedDrive) -> list[tuple[int, str]]:
         events.append((int(rows[np.argmax(beyond > 0.0)]), text))
     # circles may overlap although the outline passes
     for number, gaps in run.series.outline_gaps.items():
-        outline, circle = smallest_finite(gaps), smallest_finite(run.series.v2o[number])
+        outline, circle = _smallest_finite(gaps), _smallest_finite(run.series.v2o[number])
         touching, how = gaps < 0.0, ''
         if outline is not None and outline < 0.0:
             how = f'outline, overlap {-outline:.2f} m'

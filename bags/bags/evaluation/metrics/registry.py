@@ -19,8 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bags.evaluation.drive import Drive
-from bags.evaluation.series import Series, compute_series
+from bags.evaluation.drive import Drive, Series, compute_series
 from bags.storage.columns import Columns
 
 
@@ -34,7 +33,7 @@ class EvaluatedDrive:
     damage    of a recording: where it is damaged, None for a sound one
     invalid   of a recording: the messages that were left out, `{'invalid_messages': ...}`
     name      what it is called in tables and figures
-    look      how its curves are drawn, once `panels.assign` gave it one
+    look      how its curves are drawn, once `style.assign` gave it one
     """
 
     drive: Drive

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bags.evaluation import geometry
+from bags.evaluation.drive import SEARCH_M, obstacle_position
 from bags.evaluation.metrics.registry import EvaluatedDrive, metric
-from bags.evaluation.series import SEARCH_M, obstacle_position
 
 STEP_NS = 50_000_000
 LANE_M = 3.5

@@ -7,6 +7,7 @@ drives ahead of it.
 
 import numpy as np
 
+from bags.evaluation.drive import latest_message, obstacle_position
 from bags.evaluation.metrics.outcome import (
     SLIDING_DEG,
     STANDING_MPS,
@@ -14,7 +15,6 @@ from bags.evaluation.metrics.outcome import (
     finish_at_m,
 )
 from bags.evaluation.metrics.registry import metric
-from bags.evaluation.series import latest_message, obstacle_position
 
 SHOULDER_M = 0.5  # how far a wheel may leave the road
 SLIDING_FROM_MPS = 5.0  # below it a car that slides comes to rest within its length
