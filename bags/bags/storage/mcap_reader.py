@@ -166,18 +166,26 @@ def read_mcap(file: Path, whole: bool = True) -> Contents:
                 # a definition with a valid checksum has precedence
                 elif item.checked > defined.get((opcode, record.id), (None, -1))[1]:
                     defined[opcode, record.id] = record, item.checked
-    topics = {}
-    for (opcode, number), (channel, _) in sorted(defined.items(), key=lambda entry: entry[0]):
-        schema, _ = defined.get((Opcode.SCHEMA, getattr(channel, 'schema_id', 0)), (None, False))
-        if opcode == Opcode.CHANNEL and schema and channel.message_encoding == 'cdr':
-            topics[number] = BagTopic(
-                name=channel.topic,
-                type=schema.name,
-                schema=schema.data.decode('utf-8', 'replace'),
-                type_hash=channel.metadata.get('topic_type_hash', ''),
-                qos=channel.metadata.get('offered_qos_profiles', ''),
-            )
     heads = np.frombuffer(b''.join(heads), MESSAGE_HEADER)
+    used = {*heads['channel'].tolist()}
+    vouched = {
+        c.topic for (opcode, _), (c, ok) in defined.items() if opcode == Opcode.CHANNEL and ok
+    }
+    topics = {}
+    for (opcode, number), (channel, checked) in sorted(defined.items(), key=lambda item: item[0]):
+        schema, _ = defined.get((Opcode.SCHEMA, getattr(channel, 'schema_id', 0)), (None, False))
+        if opcode != Opcode.CHANNEL or not schema or channel.message_encoding != 'cdr':
+            continue
+        # beside channels with a checksum another number is a damaged one
+        if vouched and not checked and (channel.topic in vouched or number not in used):
+            continue
+        topics[number] = BagTopic(
+            name=channel.topic,
+            type=schema.name,
+            schema=schema.data.decode('utf-8', 'replace'),
+            type_hash=channel.metadata.get('topic_type_hash', ''),
+            qos=channel.metadata.get('offered_qos_profiles', ''),
+        )
     known = np.isin(heads['channel'], list(topics))
     if not known.all():
         heads, payloads = heads[known], [d for d, k in zip(payloads, known) if k]

@@ -133,6 +133,24 @@ def test_a_broken_record_behind_the_last_chunk_does_not_hide_the_summary(healthy
     assert_complete(folder, messages[IN_CHUNK:])
 
 
+@pytest.mark.parametrize('named', [True, False], ids=['its own name', 'another name'])
+def test_a_damaged_description_beside_a_sound_one_describes_no_topic(healthy, damage, named):
+    whole, messages, (*_, summary) = healthy
+    wrong = bytearray(whole)
+    records = mcap_reader.scan_records(whole)
+    at = max(r.offset for r in records if getattr(r, 'opcode', None) == Opcode.CHANNEL)
+    assert at > summary[0]
+    wrong[at + mcap_reader.RECORD_PREFIX.size] ^= 64  # its number
+    wrong[whole.index(b'nsec', at)] ^= 1  # in the QoS
+    if not named:
+        wrong[whole.index(b'/', at)] ^= 1
+    folder = damage(wrong)
+    repair.repair_bag(folder)
+    assert_complete(folder, messages)
+    assert_read_by_rosbags(folder, messages)
+    assert set(read.load(folder).recordings) == set(TOPICS)
+
+
 @settings(max_examples=BAGS)
 @given(
     # bits to flip, as place and bit; bytes to set; how much of the file is left
