@@ -14,9 +14,9 @@ import yaml
 
 from experiments.configuration import inputs, node_config
 from experiments.decisive import arms, run
-from experiments.decisive.outcome import Driver
-from experiments.drive_records import DriveRecords
+from experiments.decisive.arms import Driver
 from experiments.pool import Pool
+from experiments.row_runner import DriveRecords
 from mpcc_controller.problem import formulation
 from msgs_yaml import share
 from node_runtime import parameters

@@ -15,8 +15,7 @@ import pandas as pd
 from scipy.stats import false_discovery_control, ks_2samp
 
 from experiments.decisive import arms
-from experiments.decisive.arms import COMPARED
-from experiments.decisive.outcome import Driver
+from experiments.decisive.arms import COMPARED, Driver
 from experiments.families.lane_change_task import UNIFORM
 
 # of a task, beside weights

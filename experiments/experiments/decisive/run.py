@@ -26,12 +26,11 @@ import yaml
 
 from bags.errors import BagError
 from experiments import code_version
-from experiments.decisive import analysis, arms, outcome, picture, search
-from experiments.decisive.arms import COMPARED
-from experiments.decisive.outcome import Driver
+from experiments.decisive import analysis, arms, picture, search
+from experiments.decisive.arms import COMPARED, Driver
 from experiments.decisive.plan import FILE
-from experiments.drive_records import DriveRecords
 from experiments.pool import Pool
+from experiments.row_runner import DriveRecords
 from node_runtime import provenance
 
 ORIGIN = 'origin.json'  # what decides the rows in a folder
@@ -120,7 +119,7 @@ def _costs(plan, arm, seed, driver, points, begin, end):
         for index in range(begin, end)
     ]
     outcomes = driver.drive(driven, judged=False)
-    costs = [outcome.cost(values, plan['search']['cost']) for values in outcomes]
+    costs = [arms.cost(values, plan['search']['cost']) for values in outcomes]
     return np.reshape(costs, (len(points), end - begin))
 
 

@@ -19,11 +19,11 @@ from bags import command_line
 from bags.command_line import print_text
 from bags.errors import BagError
 from experiments import drive_row, row_runner
-from experiments.drive_records import DriveRecords
 from experiments.drive_row import Offset, Row
 from experiments.families.draw import NOMINAL
 from experiments.library import ALL, family_of, share_cell
 from experiments.pool import Pool
+from experiments.row_runner import DriveRecords
 from experiments.statistical_inference import paired_interval
 from experiments.survivable.survival_search import (
     IMPOSSIBLE,
