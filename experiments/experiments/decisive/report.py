@@ -66,15 +66,6 @@ def typical(plan: Mapping[str, Any], tuned: pd.DataFrame, arm: str) -> pd.Series
     return own.loc[nearest, list(ranges)].rename(nearest)
 
 
-def at_ends(plan: Mapping[str, Any], tuned: pd.DataFrame, arm: str) -> str:
-    """Return how many searches of an arm chose an end of a range, in all and by weight."""
-    own = tuned[tuned['arm'] == arm].dropna(axis=1)
-    ranges = {name: ends for name, ends in plan['search']['ranges'].items() if name in own}
-    at = pd.DataFrame({name: own[name].isin(ends) for name, ends in ranges.items()})
-    shown = ', '.join(f'{name} {count}' for name, count in at.sum().items() if count)
-    return f'{at.any(axis=1).sum()} of {len(at)} ({shown})'
-
-
 def write(plan: Mapping[str, Any], folder: Path, out: Path, console: Console) -> None:
     """Show what the tables in `folder` say, and write it with its figures into `out`.
 
@@ -93,9 +84,11 @@ def write(plan: Mapping[str, Any], folder: Path, out: Path, console: Console) ->
         weights = typical(plan, tables['tuned'], arm)
         shown = ', '.join(f'{name} {value:.4g}' for name, value in weights.items())
         lines.append(f'  {arm}, replicate {weights.name}: {shown}')
-        lines.append(
-            f'  searches that chose an end of a range: {at_ends(plan, tables["tuned"], arm)}'
-        )
+        own, ranges = tables['tuned'].query('arm == @arm'), plan['search']['ranges']
+        at = pd.DataFrame({name: own[name].isin(ranges[name]) for name in weights.index})
+        shown = ', '.join(f'{name} {count}' for name, count in at.sum().items() if count)
+        count = f'{at.any(axis=1).sum()} of {len(at)} ({shown})'
+        lines.append(f'  searches that chose an end of a range: {count}')
     distances = picture.distances(tables['picture'], plan['picture'])
     drawn = tables['picture'].set_index('arm')
     nearest = drawn[drawn['task'].isin(distances.index[:1])]
@@ -263,7 +256,8 @@ def draw_balances(rows: Sequence[Row], plan: Mapping[str, Any]) -> Figure:
     pairs = list(dict.fromkeys(row.name for row in rows))
     figure, panels = _sheet('Who is better, task by task?', 1.2 + 1.75 * len(pairs), len(pairs))
     margin = 100 * plan['confirmatory']['sideslip_balance']['margin']
-    places = np.arange(len(QUANTITIES), dtype=float)[::-1]
+    places, least = np.arange(len(QUANTITIES), dtype=float)[::-1], analysis.better_by(plan)
+    labels = [f'{q.label}\n{least[what]:g} {q.unit} {q.better}' for what, q in QUANTITIES.items()]
     panels = np.atleast_1d(panels)
     for axes, pair in zip(panels, pairs):
         first, second = pair.split(' - ')
@@ -279,7 +273,7 @@ def draw_balances(rows: Sequence[Row], plan: Mapping[str, Any]) -> Figure:
         label = 'balance: share better less share worse'
         _points(axes, places, own, 100, across=True, label=label, **look)
         axes.axvline(0.0, color=style.REFERENCE, lw=1)
-        axes.set_yticks(places, [_quantity_label(row.what, plan) for row in own])
+        axes.set_yticks(places, labels)
         axes.set(xlim=(-100, 100))
         axes.xaxis.set_major_formatter(lambda value, _: f'{abs(value):g}')
         axes.set_title(f'{LABELS[second]} better', fontsize=8, color=style.KNOWN['frenet'])
@@ -424,9 +418,3 @@ def _points(axes, places, rows, factor=1, across=False, **look):
         axes.errorbar(means, places, xerr=errors, **usual | look)
     else:
         axes.errorbar(places, means, yerr=errors, **usual | look)
-
-
-def _quantity_label(what, plan):
-    quantity = QUANTITIES[what]
-    least = analysis.better_by(plan)[what]
-    return f'{quantity.label}\n{least:g} {quantity.unit} {quantity.better}'
