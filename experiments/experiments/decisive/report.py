@@ -335,38 +335,38 @@ def draw_picture(marginals: Sequence[Marginal]) -> Figure:
     return figure
 
 
-def draw_exchange(exchange: Exchange) -> Figure:
+def draw_exchange(explained: Exchange) -> Figure:
     """Return where both cars drive in a task, and what each exchange does to the MPCC's plan."""
-    title = f'A task that only the {LABELS[exchange.avoids]} avoids'
+    title = f'A task that only the {LABELS[explained.avoids]} avoids'
     figure, (road, wheel, plan) = _sheet(title, 7.4, 3)
-    scn = exchange.scn
+    scn = explained.scn
     for side in (scn.edges.left, scn.edges.right):
         road.plot(*side.T, color=style.EDGE, lw=1.2)
     road.plot(scn.reference.X, scn.reference.Y, color=style.QUIET, ls='--', label='coarse path')
     for obstacle in scn.obstacles.items:
         for disc in obstacle.discs():
             road.add_patch(Circle((disc.X, disc.Y), disc.r_obs, color=style.EDGE, alpha=0.6, lw=0))
-    for arm, path in exchange.driven.items():
+    for arm, path in explained.driven.items():
         look = {'color': style.KNOWN[arm], 'label': LABELS[arm]}
         road.plot(path.X, path.Y, **look)
         wheel.plot(path.X, np.degrees(path.delta), **look)
-        if arm != exchange.avoids:
+        if arm != explained.avoids:
             road.plot(path.X[-1], path.Y[-1], 'x', color=style.KNOWN[arm], ms=9, mew=2)
     road.set(ylabel='Y [m]', title='Path of the centre of gravity (cross: has failed)')
     road.legend(loc='best')
     wheel.set(ylabel='angle [deg]', title='Steering of the front wheels')
-    sizes = exchange.sizes()
+    sizes = explained.sizes()
     colours = (*style.OTHERS[: len(sizes) - 3], style.QUIET, style.KNOWN['frenet'], style.INK)
     labels = {ALL: 'all four parts', WEIGHTS: "baseline's weights", BOTH: 'parts and weights'}
     labels |= FACTOR_LABELS
-    X = exchange.driven['mpcc'].X
+    X = explained.driven['mpcc'].X
     for name, colour in zip(sizes, colours, strict=True):
         label = f'{labels[name]}: rms {sizes[name]:.2f} m'
-        plan.plot(X, exchange.shifts[name], color=colour, label=label, lw=1.4)
+        plan.plot(X, explained.shifts[name], color=colour, label=label, lw=1.4)
     plan.axhline(0.0, color=style.REFERENCE, lw=1)
     plan.set(ylabel='shift to the left [m]', xlabel='X [m]')
     plan.set_title(f"The MPCC's plan {AHEAD_S:g} s ahead, with a part of the baseline")
-    plan.set_xlim(X[0] - 2, max(path.X[-1] for path in exchange.driven.values()) + 2)
+    plan.set_xlim(X[0] - 2, max(path.X[-1] for path in explained.driven.values()) + 2)
     figure.legend(*plan.get_legend_handles_labels(), loc='outside lower center', ncols=2)
     return figure
 
