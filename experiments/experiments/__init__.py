@@ -12,7 +12,8 @@ Run
     library            families and entries of emergencies, driven: who survives
 Analyse
     replay             recorded ticks through today's controller
-    results            tables and plots of the drives of a batch
+    drive_table        a table of drives: its metrics over columns, pairs of controllers
+    drive_figures      these as figures, success surfaces among them
     survivable         which emergencies any driver can survive
     decisive           the study of tuned controllers: estimands, verdicts, figures
     settings_study     the published shares of the study over many settings
@@ -21,15 +22,13 @@ Analyse
 Common
     cli, commands      the command `experiments`
     drive_row          one drive: scenario, controller, settings, start offset; its key and results
-    row_runner         rows driven by a pool, finished ones kept, and their table
-    drive_records      finished drives, kept one by one
+    row_runner         rows driven by a pool, finished ones kept one by one, and their table
     pool               processes of this machine or of a dask.distributed cluster
     code_version       the code that decides a drive
     progress           progress on the console
     pass_criteria      what a scenario expects of a run
-    tick_events        events of a drive that name a tick
     plant_limit        the lateral acceleration that the plant reaches
-    statistical_inference  intervals of shares and of their paired differences
+    statistical_inference  intervals of shares, of their paired differences, and of means
 
 In Python:
 

@@ -61,7 +61,7 @@ def front_stiffness(tyre: Tyre) -> float:
 def vehicle(car: CarParams, plant: Car) -> Vehicle:
     """Return the car as `identify` knows it, with wheels, track, roll and pitch of the plant."""
     own, tyre = car.car, car.tyre
-    roll, pitch = steady_roll_and_pitch(plant)
+    roll, pitch = _steady_roll_and_pitch(plant)
     return Vehicle(
         mass_kg=own.mass_kg,
         yaw_inertia_kgm2=own.yaw_inertia_kgm2,
@@ -82,7 +82,7 @@ def vehicle(car: CarParams, plant: Car) -> Vehicle:
     )
 
 
-def steady_roll_and_pitch(car: Car) -> tuple[float, float]:
+def _steady_roll_and_pitch(car):
     """Return roll per lateral and pitch per braking deceleration [rad per m/s^2] on the springs.
 
     Springs of suspension and tyre in series; small angles.

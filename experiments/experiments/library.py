@@ -106,7 +106,17 @@ def run(
     entry is not met, or a family survived less than `at_least`. Raises BagError for unusable input,
     and KeyboardInterrupt after the table of the drives so far was written.
     """
-    rows = plan_rows(options, families, entries)
+    controllers = node_config.find_controllers(options.controller or ['mpcc_road'])
+    settings = drive_row.as_pairs(options.settings)
+    if families and SCENARIO_SPEED in dict(settings):
+        raise BagError(f'--set {SCENARIO_SPEED}: families draw their own speeds')
+    indices = range(options.first, options.first + options.draws)
+    draws = [f'{family}:{index}' for family in families for index in indices]
+    rows = [
+        Row(what, controller.name_or_path, settings, options.seed, options.difficulty)
+        for what in (*entries, *draws)
+        for controller in controllers
+    ]
     for name in entries:
         pass_criteria.check_names(scenario.load(name).expect, name)
     # an error in a setting is reported before anything is driven
@@ -117,23 +127,6 @@ def run(
         lines = row_runner.run_rows(rows, options.out, pool, options.time_limit_s, notes)
     is_well = _show(lines, entries, options.at_least, console)
     return 0 if is_well and not any(line['error'] for line in lines) else 1
-
-
-def plan_rows(
-    options: argparse.Namespace, families: Sequence[str], entries: Sequence[str]
-) -> list[Row]:
-    """Return every row, family by family, draw by draw, controller by controller."""
-    controllers = node_config.find_controllers(options.controller or ['mpcc_road'])
-    settings = drive_row.as_pairs(options.settings)
-    if families and SCENARIO_SPEED in dict(settings):
-        raise BagError(f'--set {SCENARIO_SPEED}: families draw their own speeds')
-    indices = range(options.first, options.first + options.draws)
-    draws = [f'{family}:{index}' for family in families for index in indices]
-    return [
-        Row(what, controller.name_or_path, settings, options.seed, options.difficulty)
-        for what in (*entries, *draws)
-        for controller in controllers
-    ]
 
 
 def _show(rows: Rows, entries, at_least, console):

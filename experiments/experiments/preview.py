@@ -39,16 +39,6 @@ class Encounter(NamedTuple):
     station: float  # m
 
 
-def room_beside(scn: Scenario, params: ControllerParams) -> np.ndarray:
-    """Return how far a car on the coarse path is from the nearer edge [m], sample by sample, (n,).
-
-    From the circle that its controller has, at the samples of `advice.path_demand`.
-    """
-    edges, ref = scn.edges, scn.reference
-    left, right = (polyline.left_of(edge, ref.X, ref.Y) for edge in (edges.left, edges.right))
-    return np.minimum(-left, right) - params.body.circle_radius_m
-
-
 def encounter(
     scn: Scenario, actor: Actor, station: np.ndarray, params: ControllerParams
 ) -> Encounter | None:
@@ -75,7 +65,9 @@ def encounter(
 
 def show(scn: Scenario, params: ControllerParams, console: Console) -> None:
     """Print what a scenario holds, for a controller with these parameters."""
-    path, to_edge = advice.path_demand(scn), room_beside(scn, params)
+    path, edges, ref = advice.path_demand(scn), scn.edges, scn.reference
+    left, right = (polyline.left_of(edge, ref.X, ref.Y) for edge in (edges.left, edges.right))
+    to_edge = np.minimum(-left, right) - params.body.circle_radius_m  # (n,) m, of its circle
     finish = advice.finish_station(scn)
     slow, fast = path.speed.min(), path.speed.max()
     k = int(np.argmax(np.abs(path.lateral) / path.friction))

@@ -21,7 +21,7 @@ import pandas as pd
 import yaml
 
 from bags.errors import BagError
-from experiments.statistical_inference import wilson_interval
+from experiments.statistical_inference import bootstrap_interval, wilson_interval
 
 FILE = Path('confirmatory', 'accepted_drives.parquet')
 # controllers of the rows: the paper's MPCC, the same without collision avoidance, and the baseline
@@ -148,7 +148,9 @@ def _share(baseline, claim, starts, rule):
         verdict = 'not reproduced'
     elif if_none[0] > rule['rare_below'] and if_all[1] < rule['holds_from']:
         verdict = 'in part'
-    median, median_low, median_high = _median(starts['difference'].median().dropna().to_numpy())
+    differences = starts['difference'].median().dropna().to_numpy()
+    rng = np.random.default_rng(SEED)
+    low, high = bootstrap_interval(differences, np.median, RESAMPLES, 1000, rng)
     return {
         'baseline': baseline,
         'claim': claim,
@@ -159,28 +161,11 @@ def _share(baseline, claim, starts, rule):
         **dict(zip(('low_if_all', 'high_if_all'), if_all)),
         'undetermined': int(undetermined.sum()),
         'silent': int(silent.sum()),
-        'median': median,
-        'median_low': median_low,
-        'median_high': median_high,
+        'median': float(np.median(differences)) if len(differences) > 1 else np.nan,
+        'median_low': low,
+        'median_high': high,
         'verdict': verdict,
     }
-
-
-def _median(differences):
-    """Return the median and its interval, NaN of fewer than two settings."""
-    from scipy.stats import bootstrap
-
-    if len(differences) < 2:
-        return (np.nan,) * 3
-    resampled = bootstrap(
-        (differences,),
-        np.median,
-        n_resamples=RESAMPLES,
-        method='percentile',
-        batch=1000,
-        rng=np.random.default_rng(SEED),
-    )
-    return float(np.median(differences)), *map(float, resampled.confidence_interval)
 
 
 def braking(study: Study) -> pd.DataFrame:

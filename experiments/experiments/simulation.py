@@ -160,7 +160,10 @@ def steps(setup: Setup, controller: Controller | None = None) -> Iterator[Step]:
     scn = setup.scn
     car = make_car(setup)
     plant_side = LockstepStepper(car, RunEnd(inputs.stop_params(scn), car.now))
-    controller = make_controller(setup, car, controller)
+    controller = controller or Controller(setup.params, setup.vehicle)
+    controller.reset(car.actuators)
+    controller.set_reference(conversions.reference_as_received(scn.reference))
+    controller.set_edges(scn.edges)
     sensors = setup.sensors and Sensors(setup.sensors, setup.plant.car, setup.sensors_seed, car.now)
     estimator = setup.estimator and Estimator(setup.estimator)
     track, predictions = car.now, None
@@ -241,15 +244,6 @@ def make_car(setup: Setup) -> Simulator:
     patches = road_friction.patch_array(*scn.patches)
     start = Start(*scn.start)
     return Simulator(setup.plant, setup.friction, start, patches=patches, faults=setup.faults)
-
-
-def make_controller(setup: Setup, car: Simulator, new: Controller | None = None) -> Controller:
-    """Return the controller of a setup, which knows the road and begins at the car's actuators."""
-    controller = new or Controller(setup.params, setup.vehicle)
-    controller.reset(car.actuators)
-    controller.set_reference(conversions.reference_as_received(setup.scn.reference))
-    controller.set_edges(setup.scn.edges)
-    return controller
 
 
 def run_info(setup: Setup) -> dict[str, str]:

@@ -1,9 +1,24 @@
-"""Statistical inference: intervals of shares and of their paired differences."""
+"""Statistical inference: intervals of shares, of their paired differences, and of means."""
 
 import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
 
 CONFIDENCE = 0.95
 NEAR = 1e-9
+
+
+class Estimate(NamedTuple):
+    """A mean over units with its interval; NaN where there is none."""
+
+    mean: float
+    low: float
+    high: float
+    units: int = 0
+    scatter: float = math.nan  # standard deviation over units
+    p: float = math.nan  # two-sided, of a mean of 0
 
 
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
@@ -51,3 +66,55 @@ def paired_interval(only_first: int, only_second: int, pairs: int) -> tuple[floa
     low = brentq(excess, -1.0, estimate - NEAR) if estimate > -1.0 else -1.0
     high = brentq(excess, estimate + NEAR, 1.0) if estimate < 1.0 else 1.0
     return float(low), float(high)
+
+
+def bootstrap_interval(
+    values: np.ndarray,
+    statistic: Callable[..., Any],
+    resamples: int,
+    batch: int,
+    rng: np.random.Generator,
+) -> tuple[float, float]:
+    """Return the percentile bootstrap interval of 95 % of a statistic; NaN of fewer than two."""
+    from scipy.stats import bootstrap
+
+    if len(values) < 2:
+        return math.nan, math.nan
+    how = {'n_resamples': resamples, 'confidence_level': CONFIDENCE, 'batch': batch}
+    drawn = bootstrap((values,), statistic, method='percentile', rng=rng, **how)
+    return float(drawn.confidence_interval.low), float(drawn.confidence_interval.high)
+
+
+def estimate(values: Sequence[float], confidence: float = CONFIDENCE) -> Estimate:
+    """Return the mean of units with Student's t interval; units without a value do not count."""
+    from scipy.stats import t
+
+    known = np.asarray(values, dtype=float)
+    known = known[np.isfinite(known)]
+    count = known.size
+    if count < 2:
+        return Estimate(float(known.mean()) if count else math.nan, math.nan, math.nan, count)
+    mean, scatter = float(known.mean()), float(known.std(ddof=1))
+    error = scatter / math.sqrt(count)
+    half = float(t.ppf((1 + confidence) / 2, count - 1)) * error
+    if error > 0.0:
+        p = float(2 * t.sf(abs(mean) / error, count - 1))
+    else:
+        p = 1.0 if mean == 0.0 else 0.0
+    return Estimate(mean, mean - half, mean + half, count, scatter, p)
+
+
+def holm_levels(p: Sequence[float], alpha: float = 1 - CONFIDENCE) -> list[float]:
+    """Return the level at which Holm's step-down procedure tests each hypothesis.
+
+    The least p is tested at alpha / n, the next at alpha / (n - 1), and so on; behind the first
+    that is not rejected the level stays, and nothing is rejected. NaN is never rejected.
+    """
+    values = [1.0 if math.isnan(value) else value for value in p]
+    levels, level, rejected = [0.0] * len(values), 0.0, True
+    for rank, k in enumerate(np.argsort(values, kind='stable')):
+        if rejected:
+            level = alpha / (len(values) - rank)
+        rejected = rejected and values[k] < level
+        levels[k] = level
+    return levels

@@ -9,14 +9,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import pandas as pd
 import yaml
 
 from experiments.configuration import inputs, node_config
 from experiments.decisive import arms, run
-from experiments.decisive.outcome import Driver
-from experiments.drive_records import DriveRecords
+from experiments.decisive.arms import Driver
 from experiments.pool import Pool
+from experiments.row_runner import DriveRecords
 from mpcc_controller.problem import formulation
 from msgs_yaml import share
 from node_runtime import parameters
@@ -103,12 +102,3 @@ def controller_text(base: Path, weights: Mapping[str, float], header: Sequence[s
     lines = [line for paragraph in header for line in textwrap.wrap(paragraph, WIDTH - 2)]
     document = yaml.safe_dump({'/**': {'ros__parameters': values}}, sort_keys=False)
     return ''.join(f'# {line}\n' for line in lines) + document
-
-
-def as_table(tuned: Tuned) -> pd.DataFrame:
-    """Return weights before and after, and what they avoid, a row each."""
-    rows = [
-        (name, f'{tuned.before[name]:g}', f'{value:g}') for name, value in tuned.weights.items()
-    ]
-    rows.append(('fresh tasks avoided', *(f'{share:.0%}' for share in tuned.avoided)))
-    return pd.DataFrame(rows, columns=['', 'before', 'tuned'])

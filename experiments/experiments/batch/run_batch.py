@@ -22,7 +22,7 @@ from rich.table import Table
 from bags.command_line import table
 from bags.errors import BagError
 from experiments import drive_row, row_runner
-from experiments.batch import distributions, study_file
+from experiments.batch import study_file
 from experiments.batch.study_file import StudyFile
 from experiments.configuration import inputs, node_config
 from experiments.drive_row import ANY_ROAD, NOMINAL, Offset, Pairs, Row
@@ -140,7 +140,7 @@ def combine(study: StudyFile) -> list[Row]:
 def rows_of(study: StudyFile, combinations: Sequence[Row]) -> list[Row]:
     """Return the row of every drive: every run of every draw of every combination."""
     drawn = {drawn.name: drawn.distribution for drawn in study.drawn}
-    samples = distributions.sample(drawn, len(study.draws), study.seed, study.draws.start)
+    samples = study_file.sample(drawn, len(study.draws), study.seed, study.draws.start)
     draws = [(number, tuple(values.items())) for number, values in zip(study.draws, samples)]
     offsets = draw_offsets(study.runs, study.seed)
     # a limit takes as long to find as a run, and that of a drawn car serves no other drive

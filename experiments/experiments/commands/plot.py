@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Write a figure; 0. Raises BagError."""
-    from experiments.results import drive_table, result_figures
+    from experiments import drive_figures, drive_table
 
     columns = tuple(options.by)
     if not 1 <= len(columns) <= 2 or (options.surface and len(columns) != 2):
@@ -45,11 +45,11 @@ def run(options: argparse.Namespace) -> int:
     stem = options.out or folder / '_over_'.join((options.metric, '_'.join(columns)))
     stem.parent.mkdir(parents=True, exist_ok=True)
     if options.surface:
-        paths = result_figures.write_surface(table, options.metric, columns, stem)
+        paths = drive_figures.write_surface(table, options.metric, columns, stem)
     elif len(columns) == 2:
-        paths = result_figures.write_map(table, options.metric, columns, stem, options.bins)
+        paths = drive_figures.write_map(table, options.metric, columns, stem, options.bins)
     else:
-        paths = result_figures.write_marginal(table, options.metric, *columns, stem, options.bins)
+        paths = drive_figures.write_marginal(table, options.metric, *columns, stem, options.bins)
     for path in paths:
         print_text(Console(), str(path))
     return 0

@@ -19,7 +19,7 @@ from pathlib import Path
 from rich.console import Console
 
 from bags.command_line import add_out, print_text
-from experiments import tick_events
+from experiments import replay
 from experiments.commands import add_list
 
 HELP = 'solve one recorded tick again: cost, active limits, what-if, sensitivities'
@@ -36,8 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     which.add_argument('--tick', type=int, metavar='K', help='its number, from 0')
     which.add_argument('--time', type=float, metavar='S', help='seconds since the first tick')
     which.add_argument('--station', type=float, metavar='M', help='metres along the path')
-    text = '; '.join(map(': '.join, tick_events.EVENTS.items()))
-    which.add_argument('--at', choices=tick_events.EVENTS, help=text)
+    text = '; '.join(map(': '.join, replay.EVENTS.items()))
+    which.add_argument('--at', choices=replay.EVENTS, help=text)
     text = 'what if: <parameter of the controller>=<value>, or weights.<term>=<factor>'
     add_list(parser, '--set', text, dest='settings', metavar='NAME=VALUE')
     text = 'of the cost and of the least distance to obstacles, to every weight'
@@ -49,15 +49,13 @@ def run(options: argparse.Namespace) -> int:
     """Solve and show; 0 when the command is the recorded one. Raises BagError."""
     from bags.storage import read
     from experiments.configuration import set_option
-    from experiments.replay import horizon_figure, resolve, tick_choice
+    from experiments.replay import horizon_figure, resolve
 
     bag = read.load(options.bag)
     changes = set_option.parse_tick_changes(options.settings)
     console, number = Console(), options.tick
     if number is None:
-        chosen = tick_choice.choose(
-            bag, time=options.time, station=options.station, event=options.at
-        )
+        chosen = resolve.choose(bag, time=options.time, station=options.station, event=options.at)
         print_text(console, str(chosen))
         number = chosen.number
     answer = resolve.answer(bag, resolve.pose(bag, number), changes, options.sensitivities)

@@ -32,26 +32,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the table and write its files; 0. Raises BagError."""
-    from experiments.results import drive_table, marginals
+    from experiments import drive_table
 
     drives, console = drive_table.load(options.table), Console()
     by, pair = options.by, options.pair
     if pair:
-        result = marginals.compare(drives, options.metric, tuple(pair), by, options.bins)
+        result = drive_table.compare(drives, options.metric, tuple(pair), by, options.bins)
     else:
         by = by or [name for name in (drive_table.CONTROLLER,) if name in drives.rows]
-        result = marginals.summarise(drives, options.metric, by, options.bins)
-    texts = [[*map(marginals.level_text, row)] for row in result.itertuples(index=False)]
+        result = drive_table.summarise(drives, options.metric, by, options.bins)
+    texts = [[*map(drive_table.level_text, row)] for row in result.itertuples(index=False)]
     minus = f' of {pair[0]} minus {pair[1]}' if pair else ''
     print_text(console, f'{options.metric}{minus}')
     console.print(table(list(result), texts, left=by))
     if drives.failed:
         print_text(console, f'{drives.failed:,} drives without a result are left out')
-    if not pair and marginals.repeats(drives) and 'share' in result:
+    if not pair and drive_table.repeats(drives) and 'share' in result:
         print_text(console, 'some drives are repeats of others: the true intervals are wider')
     lines = [list(result), ['---'] * len(result.columns), *texts]
     markdown = ''.join(f'| {" | ".join(line)} |\n' for line in lines)
-    csv = result.map(marginals.plain).to_csv(index=False)
+    csv = result.map(drive_table.plain).to_csv(index=False)
     for path, text in ((options.csv, csv), (options.markdown, markdown)):
         if path:
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -26,6 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Tune and show; return 0. Raises BagError."""
+    import pandas
+
     from experiments import row_runner, tuning
     from experiments.commands import study
     from experiments.decisive import plan
@@ -35,6 +37,9 @@ def run(options: argparse.Namespace) -> int:
     folder = options.out / Path(options.controller).stem
     with row_runner.driving(options, console) as pool:
         tuned = tuning.tune(own, options.controller, options.seed, folder, pool)
-    print_text(console, tuning.as_table(tuned).to_string(index=False))
+    rows = [(n, f'{tuned.before[n]:g}', f'{value:g}') for n, value in tuned.weights.items()]
+    rows.append(('fresh tasks avoided', *(f'{share:.0%}' for share in tuned.avoided)))
+    table = pandas.DataFrame(rows, columns=['', 'before', 'tuned'])
+    print_text(console, table.to_string(index=False))
     print_paths(console, {'controller': tuned.file, 'history': tuned.history})
     return 0

@@ -23,7 +23,7 @@ import pandas as pd
 
 from bags.errors import BagError
 from experiments.decisive.arms import COMPARED, FACTORIAL
-from experiments.decisive.verdicts import Estimate, Verdict, decide, estimate, stop_rule, width
+from experiments.statistical_inference import Estimate, estimate, holm_levels
 
 # compared arms; the first pair is that of the verdicts
 PAIRS = (
@@ -58,6 +58,17 @@ HIGH, LOW, LATENCY = 'friction believed 5 % too high', '5 % too low', '25 ms of 
 KNOWN_LATENCY = '50 ms, in its model with the servos'
 POINTS = 'points'
 LIMIT_SHARE = 0.9  # of the tasks, avoided at the limit demand S90; most arms avoid half at any S
+
+
+class Verdict(NamedTuple):
+    """A decision; the interval has the level at which Holm's procedure tests this hypothesis."""
+
+    hypothesis: str
+    estimate: Estimate
+    confidence: float
+    margin: float
+    text: str
+    more: int  # replicates that would make the interval as wide as the margin, 0 unless open
 
 
 class Row(NamedTuple):
@@ -113,6 +124,60 @@ def stop(plan: Mapping[str, Any], drives: pd.DataFrame) -> str:
     samples = _confirmatory(_judged(drives)[0], plan)
     widths = [width(estimate(values)) for values in samples]
     return stop_rule(len(samples[0]), widths, plan['stop'])
+
+
+def decide(
+    gap: Sequence[float], balance: Sequence[float], rules: Mapping[str, Any]
+) -> list[Verdict]:
+    """Return the verdicts on avoidance gap and balance of sideslip, each given by replicate.
+
+    `rules` are those under `confirmatory` in a plan.
+
+    Holm's procedure (1979, Scandinavian Journal of Statistics 6, 65-70) over both, in terms of
+    intervals: that with the smaller p has 97.5 %; if it excludes 0, the other has 95 %, else 97.5 %
+    too. So an interval excludes 0 just where the procedure rejects 0 at a level of 5 %. What a
+    verdict says about a size has the level of its own interval.
+    """
+    samples = {'avoidance gap': gap, 'win balance of sideslip': balance}
+    margins = [rules[name]['margin'] for name in ('avoidance_gap', 'sideslip_balance')]
+    levels = holm_levels([estimate(values).p for values in samples.values()])
+    verdicts = []
+    for (name, values), margin, level in zip(samples.items(), margins, levels):
+        interval = estimate(values, 1 - level)
+        verdicts.append(Verdict(name, interval, 1 - level, margin, *verdict(interval, margin)))
+    return verdicts
+
+
+def verdict(interval: Estimate, margin: float) -> tuple[str, int]:
+    """Return the verdict on a difference MPCC less baseline, and how many replicates it lacks."""
+    low, high = interval.low, interval.high
+    if low > 0.0 or high < 0.0:
+        small = -margin <= low and high <= margin
+        size = f', by less than {100 * margin:g} points' if small else ''
+        return f'{"MPCC" if low > 0.0 else "baseline"} better{size}', 0
+    if -margin <= low and high <= margin:
+        return 'equivalent', 0
+    if math.isnan(low):
+        return 'open', 0
+    return 'open', math.ceil(interval.units * ((width(interval) / margin) ** 2 - 1))
+
+
+def stop_rule(replicates: int, widths: Sequence[float], rules: Mapping[str, Any]) -> str:
+    """Return whether the study stops, from the widths of both intervals of 95 % alone.
+
+    `rules` are those under `stop` in a plan.
+    """
+    if replicates >= rules['cap']:
+        return 'stop: most replicates'
+    if replicates < rules['from']:
+        return 'go on: fewer than the least replicates'
+    wide = any(not width <= most for width, most in zip(widths, rules['widths']))
+    return 'go on: an interval is too wide' if wide else 'stop: both intervals are narrow'
+
+
+def width(interval: Estimate) -> float:
+    """Return the width of an interval."""
+    return interval.high - interval.low
 
 
 def better_by(plan: Mapping[str, Any]) -> dict[str, float]:

@@ -14,7 +14,7 @@ import pandas as pd
 
 from bags.errors import BagError
 from experiments import drive_row, simulation
-from experiments.decisive import arms, outcome
+from experiments.decisive import arms
 from experiments.decisive.arms import COMPARED
 from experiments.replay.recorded_problem import Problem
 from experiments.simulation import Setup
@@ -112,7 +112,7 @@ def drive(setup: Setup) -> tuple[Path, list[Problem | None]]:
             problem = Problem(parts, setup.vehicle, solved.problem, step.car.stamp_ns)
         problems.append(problem)
         last = solved
-        if outcome.has_failed(setup.scn, state):
+        if arms.has_failed(setup.scn, state):
             break
     return Path(*np.array(places).T), problems
 

@@ -15,8 +15,7 @@ import pandas as pd
 from scipy.stats import false_discovery_control, ks_2samp
 
 from experiments.decisive import arms
-from experiments.decisive.arms import COMPARED
-from experiments.decisive.outcome import Driver
+from experiments.decisive.arms import COMPARED, Driver
 from experiments.families.lane_change_task import UNIFORM
 
 # of a task, beside weights
@@ -34,43 +33,31 @@ class Marginal(NamedTuple):
     p_value: float  # Kolmogorov-Smirnov, adjusted by Benjamini and Hochberg over all parameters
 
 
-def draw_weights(plan: Mapping[str, Any], seed: int, index: int, arm: str) -> dict[str, float]:
-    """Return the weights of an arm in a draw."""
-    random = Random(f'{arm} {seed} {index}')
-    weights = {}
-    for name in arms.tuned_parameters(plan, arm):
-        low, high = plan['search']['ranges'][name]
-        weights[name] = low * (high / low) ** random.random()
-    return weights
-
-
 def drive(plan: Mapping[str, Any], driver: Driver) -> None:
     """Drive as many draws as the plan allows; their table is that of the driver's lines."""
     rules, seed = plan['picture'], plan['seeds']['picture']
 
     def rows(arm, indices):
-        weights = [draw_weights(plan, seed, index, arm) for index in indices]
-        return [
-            arms.row(
-                plan,
-                arm,
-                arms.settings(plan, arm, {arm: chosen}),
-                *(seed, index),
-                labels=(*chosen.items(), *arms.task_values(seed, index).items()),
-            )
-            for index, chosen in zip(indices, weights)
-        ]
+        ranges = {name: plan['search']['ranges'][name] for name in arms.tuned_parameters(plan, arm)}
+        for index in indices:
+            random = Random(f'{arm} {seed} {index}')
+            chosen = {
+                name: low * (high / low) ** random.random() for name, (low, high) in ranges.items()
+            }
+            labels = (*chosen.items(), *arms.task_values(seed, index).items())
+            parameters = arms.settings(plan, arm, {arm: chosen})
+            yield arms.row(plan, arm, parameters, seed, index, labels=labels)
 
     begin = 0
     while len(driver.lines) < rules['drives']:
         indices = range(begin, begin + rules['batch'])
-        own = driver.drive(rows('mpcc', indices))
+        own = driver.drive([*rows('mpcc', indices)])
         shown = [
             index
             for index, values in zip(indices, own)
             if values['avoided'] and values['kept_m'] >= -SLACK_M
         ]
-        driver.drive(rows('frenet', shown))
+        driver.drive([*rows('frenet', shown)])
         begin += rules['batch']
 
 

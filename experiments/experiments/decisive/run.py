@@ -16,7 +16,6 @@ import os
 import shutil
 import time
 from collections.abc import Iterable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +25,11 @@ import yaml
 
 from bags.errors import BagError
 from experiments import code_version
-from experiments.decisive import analysis, arms, outcome, picture, search
-from experiments.decisive.arms import COMPARED
-from experiments.decisive.outcome import Driver
+from experiments.decisive import analysis, arms, picture, search
+from experiments.decisive.arms import COMPARED, Driver
 from experiments.decisive.plan import FILE
-from experiments.drive_records import DriveRecords
 from experiments.pool import Pool
+from experiments.row_runner import DriveRecords
 from node_runtime import provenance
 
 ORIGIN = 'origin.json'  # what decides the rows in a folder
@@ -100,8 +98,19 @@ def search_arm(plan: Plan, arm: str, seed: int, driver: Driver) -> list[search.T
 
     `plan` describes the arm under `tuned`; drives are kept by the driver.
     """
+
+    def drive(points, begin, end):
+        rows = [
+            arms.row(plan, arm, chosen, seed, index, labels=weights.items())
+            for weights in points
+            for chosen in [arms.settings(plan, arm, {arm: weights})]
+            for index in range(begin, end)
+        ]
+        outcomes = driver.drive(rows, judged=False)
+        costs = [arms.cost(values, plan['search']['cost']) for values in outcomes]
+        return np.reshape(costs, (len(points), end - begin))
+
     names = arms.tuned_parameters(plan, arm)
-    drive = partial(_costs, plan, arm, seed, driver)
     return search.search(plan['search']['ranges'], names, plan['search'], seed, drive)
 
 
@@ -109,19 +118,6 @@ def as_frame(trials: Iterable[tuple[str, search.Trial]]) -> pd.DataFrame:
     """Return trials of arms as a table."""
     frame = pd.DataFrame({'arm': arm, **t._asdict(), **t.weights} for arm, t in trials)
     return frame.drop(columns='weights')
-
-
-def _costs(plan, arm, seed, driver, points, begin, end):
-    driven = [
-        arms.row(
-            plan, arm, arms.settings(plan, arm, {arm: weights}), seed, index, labels=weights.items()
-        )
-        for weights in points
-        for index in range(begin, end)
-    ]
-    outcomes = driver.drive(driven, judged=False)
-    costs = [outcome.cost(values, plan['search']['cost']) for values in outcomes]
-    return np.reshape(costs, (len(points), end - begin))
 
 
 def _judge(plan, number, tuned, driver):

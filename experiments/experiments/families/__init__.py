@@ -3,8 +3,7 @@
 draw               (family, seed, index, difficulty) -> Draw, independent of every other draw
 scenario_document  the parts of a scenario document: roads, cars, walkers, start and finish
 feasibility        closed forms that say whether a draw can be mastered: nominal draws are
-open_road          what appears, comes or crosses on a straight road, which may be slippery
-lane_course        bends, slaloms, gates, lane changes: where the room is narrow
+emergencies        what appears, comes or crosses; bends, slaloms, gates, lane changes
 traffic            other road users on roads that bend
 lane_change_task   tasks of the study of tuned controllers, and the curvature that they demand
 plant_variant      their plants, and the cars identified on them

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from experiments.families import feasibility, lane_change_task, lane_course, open_road, traffic
+from experiments.families import emergencies, feasibility, lane_change_task, traffic
 from experiments.families.scenario_document import Document, ImpossibleError, Trial, rounded
 from scenario_publisher import scenario
 from scenario_publisher.scenario import Scenario
@@ -31,17 +31,16 @@ DIFFICULTIES = (NOMINAL, HARD)
 Family = Callable[[Trial], Document]
 
 
-def _families(*modules: ModuleType) -> dict[str, Family]:
-    """Return the public functions of modules by name."""
+def _families(module: ModuleType) -> dict[str, Family]:
+    """Return the public functions of a module by name."""
     return {
         name: member
-        for module in modules
         for name, member in vars(module).items()
         if isfunction(member) and member.__module__ == module.__name__ and not name.startswith('_')
     }
 
 
-FAMILIES = _families(open_road, lane_course)
+FAMILIES = _families(emergencies)
 # drives among others on roads that bend: of the library where they are named
 TRAFFIC = _families(traffic)
 LIBRARY = FAMILIES | TRAFFIC

@@ -7,7 +7,6 @@ and of the code that decides it.
 import re
 from collections.abc import Mapping
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from experiments import code_version, plant_limit, simulation
@@ -51,7 +50,16 @@ def build(variant: Variant) -> Plant:
     limit = plant_limit.held_lateral_limit(plant, 1.0)
     if limit is None:
         raise CircleError(f'{variant.car}: its front axle does not slide in a circle')
-    return Plant(settings, str(_car_file(plant, variant.known_latency_s)), limit)
+
+    def find():
+        manoeuvre = plant_parameters.config_file(plant_limit.MANOEUVRE)
+        circle = parameters.load(CircleParams, manoeuvre)
+        text, _ = identify.identify(plant, 1.0, circle, ' (a plant of a study)')
+        return LAGS.sub(lambda lag: f'{lag[1]}: {float(lag[2]) + later_s:.4f}', text)
+
+    later_s = variant.known_latency_s
+    content = repr((identify.digest(plant), code_version.digest(ROOTS), later_s))
+    return Plant(settings, str(plant_limit.kept_text('plants/{}.yaml', content, find)), limit)
 
 
 def plant_settings(variant: Variant) -> dict[str, Any]:
@@ -84,16 +92,3 @@ def plant_settings(variant: Variant) -> dict[str, Any]:
 
 def _load(settings) -> PlantParams:
     return simulation.prepare(*ANY_DRIVE, {'plant': settings}, any_car=True).plant
-
-
-def _car_file(plant: PlantParams, known_latency_s: float) -> Path:
-    """Return the car file that was identified on a plant, from the cache or new."""
-
-    def find():
-        manoeuvre = plant_parameters.config_file(plant_limit.MANOEUVRE)
-        circle = parameters.load(CircleParams, manoeuvre)
-        text, _ = identify.identify(plant, 1.0, circle, ' (a plant of a study)')
-        return LAGS.sub(lambda lag: f'{lag[1]}: {float(lag[2]) + known_latency_s:.4f}', text)
-
-    content = repr((identify.digest(plant), code_version.digest(ROOTS), known_latency_s))
-    return plant_limit.kept_text('plants/{}.yaml', content, find)

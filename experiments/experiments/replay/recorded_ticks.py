@@ -5,10 +5,12 @@ of the tick's own stamp. In realtime they are the newest messages sent before th
 bag gives that instant to within the transport time.
 """
 
+import json
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from itertools import islice
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -17,6 +19,7 @@ import numpy as np
 from bags.errors import BagError
 from bags.evaluation.drive import LOCKSTEP, report_number
 from bags.storage import read
+from bags.storage.bag_writer import BagWriter
 from bags.storage.columns import DECODE_ERRORS, decode_message, stamp_reader
 from mpcc_controller import run_time_parameters
 from mpcc_controller.driving.tick_report import ACTUATORS_AGE, RESUMED
@@ -40,6 +43,10 @@ JOINED = (STATE, BELIEVED, ACTUATORS, OBSTACLES)
 TIME_LIMIT = 'time limit'
 STALE, STATE_STALE, HEARD = '_stale', 'state_stale', 'time.heard_ns'
 REJECTED_BY_AGE = ('too_old', 'from_future')
+# of a golden recording: the largest, and what is kept of the run information, which decides the
+# numbers, without traces of the machine
+LARGEST_BYTES = 2_000_000
+ROLES, MACHINE = ('controller', 'plant'), ('processor', 'architecture', 'libc')
 NO_CHANGES: Mapping[str, float] = MappingProxyType({})
 
 
@@ -300,3 +307,49 @@ def has_same_content(
         return first is second
     fields = (name for name in first._fields if name != 'stamp_ns')
     return all(np.array_equal(getattr(first, name), getattr(second, name)) for name in fields)
+
+
+def cut(bag: read.Bag, folder: Path) -> Path:
+    """Write the messages that a replay reads of a lockstep bag into a new `folder`; return it.
+
+    States and actuators of the ticks, path and edges once, obstacles, and every answer. It is a
+    complete bag all the same: a golden recording, whose answers every later controller must repeat.
+
+    Raises BagError when it cannot be replayed, or is too large to be kept with the source.
+    """
+    answered = {tick.stamp_ns for tick in read_ticks(bag)}
+    topics = (*NEEDED, PREDICTION)
+    names = [name for name in topics if name in bag.recordings]
+    kept = dict(bag.run_info)
+    for name, wanted in (('parameters', ROLES), ('machine', MACHINE)):
+        values = json.loads(kept.get(name, '{}'))
+        kept[name] = json.dumps({k: values[k] for k in wanted if k in values}, sort_keys=True)
+    writer = BagWriter(folder, [bag.recordings[name].topic for name in names], {'run': kept})
+    rows = []
+    for index, name in enumerate(names):
+        recorded = bag.recordings[name]
+        for row in _kept_rows(bag, name, answered):
+            log_ns, publish_ns = int(recorded.log_ns[row]), int(recorded.publish_ns[row])
+            message = (log_ns, publish_ns, recorded.payloads[row], int(recorded.sequence[row]))
+            rows.append((log_ns, index, message))
+    for _, index, message in sorted(rows, key=lambda row: row[:2]):
+        writer.write(index, *message)
+    writer.close()
+    size = sum(file.stat().st_size for file in folder.iterdir())
+    if size > LARGEST_BYTES:
+        raise BagError(f'{folder}: {size} bytes; golden bags have at most {LARGEST_BYTES}')
+    return folder
+
+
+def _kept_rows(bag, name, answered):
+    """Return the rows of a topic that a replay reads."""
+    topic = RecordedTopic(bag, name)
+    if name in (STATE, ACTUATORS):
+        return [topic.rows[row] for stamp_ns, row in topic.row_of.items() if stamp_ns in answered]
+    rows = range(len(topic.payloads))
+    if name in (REFERENCE, EDGES):
+        values = [topic.value(row) for row in rows]
+        rows = [
+            row for row in rows if not row or not has_same_content(values[row], values[row - 1])
+        ]
+    return topic.rows[[*rows]]

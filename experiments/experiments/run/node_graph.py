@@ -20,9 +20,8 @@ from experiments.configuration import inputs, node_config
 from experiments.configuration.node_config import Controller, LoadedFacts, Node
 from experiments.progress import RunProgress
 from experiments.run import processes
-from experiments.run.interrupt import Interrupt, Interrupted
 from experiments.run.live_position import STATE, PositionReader
-from experiments.run.processes import Process, ProcessError
+from experiments.run.processes import Interrupt, Interrupted, Process, ProcessError
 from experiments.run.staging import StagingDirectory
 from node_runtime.provenance import DIRTY
 from scenario_publisher.scenario import Scenario

@@ -15,12 +15,12 @@ from bags.command_line import print_text
 from bags.errors import BagError
 from bags.evaluation.metrics.outcome import stop_station
 from bags.storage import read
-from experiments import tick_events
+from experiments import replay
 from experiments.configuration import inputs, node_config, run_advice
 from experiments.progress import RunProgress
 from experiments.run import compile_ahead, domain, node_graph, run_file, staging
-from experiments.run.interrupt import Interrupt, Interrupted
 from experiments.run.node_graph import RunOutcome, RunSettings
+from experiments.run.processes import Interrupt, Interrupted
 from msgs_yaml.strict_yaml import closest
 from node_runtime import provenance
 from scenario_publisher.scenario import Scenario
@@ -131,8 +131,8 @@ def _explain(outcomes, programs, runs, console):
             continue
         if run['collided'] or run['left_road'] or run['lost']:
             bag = shlex.quote(os.path.relpath(outcome.bag))
-            when = f'what it planned {tick_events.LEAD_S:g} s before it was lost'
-            lost.append(f'{name}: {when}: experiments resolve {bag} --at {tick_events.LOSS}')
+            when = f'what it planned {replay.LEAD_S:g} s before it was lost'
+            lost.append(f'{name}: {when}: experiments resolve {bag} --at {replay.LOSS}')
     for text in lost:
         print_text(console, text)
 

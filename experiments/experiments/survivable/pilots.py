@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from experiments.survivable.emergency import TICK_S, Emergency
-from experiments.survivable.road_coordinates import Path, reference_of
+from experiments.survivable.emergency import TICK_S, Emergency, Path, reference_of
 from experiments.survivable.sides import Approach
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.records import TickInputs
@@ -31,7 +30,12 @@ class Foresight:
     def __init__(self, emergency: Emergency, params: ControllerParams, approach: Approach):
         """Start at the emergency's instant, with the set-points where the actuators are."""
         setup = emergency.setup
-        self._controller = Controller(_all_knowing(params, setup.friction), setup.vehicle)
+        # it knows the friction, and measures without errors
+        groups = {n: getattr(params, n) for n in ('friction_estimate', 'measurement_errors')}
+        left_out = {n: type(g)(**dict.fromkeys(parameters.flatten(g))) for n, g in groups.items()}
+        model = dataclasses.replace(params.model, friction=setup.friction)
+        params = dataclasses.replace(params, model=model, **left_out)
+        self._controller = Controller(params, setup.vehicle)
         self._controller.reset(emergency.car.actuators)
         reference = reference_of(approach.path, approach.speed, emergency.start_ns)
         rejected = self._controller.set_reference(conversions.reference_as_received(reference))
@@ -44,14 +48,6 @@ class Foresight:
         self._controller.set_obstacles(obstacles)
         state = conversions.odometry_as_received(car.state)
         return self._controller.step(TickInputs(state, actuators=car.actuators)).command
-
-
-def _all_knowing(params: ControllerParams, friction: float) -> ControllerParams:
-    """Return the parameters of a controller that knows the friction and measures without errors."""
-    model = dataclasses.replace(params.model, friction=friction)
-    groups = {name: getattr(params, name) for name in ('friction_estimate', 'measurement_errors')}
-    left_out = {n: type(g)(**dict.fromkeys(parameters.flatten(g))) for n, g in groups.items()}
-    return dataclasses.replace(params, model=model, **left_out)
 
 
 class Manoeuvre(NamedTuple):

@@ -19,11 +19,11 @@ from bags import command_line
 from bags.command_line import print_text
 from bags.errors import BagError
 from experiments import drive_row, row_runner
-from experiments.drive_records import DriveRecords
 from experiments.drive_row import Offset, Row
 from experiments.families.draw import NOMINAL
 from experiments.library import ALL, family_of, share_cell
 from experiments.pool import Pool
+from experiments.row_runner import DriveRecords
 from experiments.statistical_inference import paired_interval
 from experiments.survivable.survival_search import (
     IMPOSSIBLE,
@@ -82,7 +82,12 @@ def run(options: argparse.Namespace, console: Console) -> int:
     if len(losses) > SHOWN_LOSSES:
         print_text(console, f'and {len(losses) - SHOWN_LOSSES:,} more')
     if len(names) > 1:
-        console.print(build_pairs(drives, base))
+        # of each other controller, on the draws that both have driven
+        counts = 'draws', 'both', f'{base} only', 'it only', 'neither'
+        pairs = ((other, split_pairs(drives, base, other)) for other in names if other != base)
+        rows = [[other, *pair_cells(*split)] for other, split in pairs]
+        columns = [f'{base} and', *counts, 'difference (95 %)', 'p']
+        console.print(command_line.table(columns, rows))
     if options.table:
         write_table(drives, options.table)
         print_text(console, str(options.table))
@@ -114,7 +119,7 @@ def _search(draws, options, folder, failures, console) -> Mapping[Row, str]:
     how = options.budget, options.preview
     errors: dict[str, str] = {}
     with DriveRecords(folder) as records, Pool(options.jobs, console=console) as pool:
-        keys = {draw: verdict_key(draw, *how) for draw in draws}
+        keys = {draw: _key(draw, *how) for draw in draws}
         tasks = {key: (draw, *how) for draw, key in keys.items()}
         records.finish(pool, verdict, tasks, errors)
         for key, error in errors.items():
@@ -144,18 +149,6 @@ def build_table(drives: pandas.DataFrame) -> Table:
     return command_line.table(['survived of the possible', *kinds, *scores], rows)
 
 
-def build_pairs(drives: pandas.DataFrame, base: str) -> Table:
-    """Return a row per other controller, on the draws that both have driven.
-
-    With Tango's interval of the difference, and McNemar's exact test: how likely so uneven a split
-    is when neither is better.
-    """
-    counts = 'draws', 'both', f'{base} only', 'it only', 'neither'
-    others = [name for name in dict.fromkeys(drives['name']) if name != base]
-    rows = [[other, *pair_cells(*split_pairs(drives, base, other))] for other in others]
-    return command_line.table([f'{base} and', *counts, 'difference (95 %)', 'p'], rows)
-
-
 def split_pairs(drives: pandas.DataFrame, base: str, other: str) -> tuple[int, int, int, int]:
     """Return the draws that both survived, the base alone, the other alone, and neither."""
     judged = drives[drives['error'] == '']
@@ -169,7 +162,10 @@ def split_pairs(drives: pandas.DataFrame, base: str, other: str) -> tuple[int, i
 
 
 def pair_cells(both: int, base_only: int, other_only: int, neither: int) -> list[str]:
-    """Return the counts of a pair, their difference with its interval, and the p-value."""
+    """Return the counts of a pair, their difference with Tango's interval, and the p-value.
+
+    That is McNemar's exact test: how likely so uneven a split is when neither is better.
+    """
     # imported late: scipy.stats takes half a second to load
     from scipy.stats import binomtest
 
@@ -237,11 +233,8 @@ def write_table(drives: pandas.DataFrame, file: Path) -> None:
     table.to_parquet(file, compression='zstd', index=False)
 
 
-def verdict_key(draw: Row, budget: int, preview: bool) -> str:
-    """Return the SHA-256 of what decides a verdict: scenario, plant, budget, version of the search.
-
-    The code of the controllers is no part of it: a drive that survived stays a proof.
-    """
+def _key(draw, budget, preview):
+    """Return the SHA-256 of what decides a verdict; not the code: what survived stays a proof."""
     setup = drive_row.prepare(draw._replace(controller=DRIVERS[0]), any_car=True)
     content = [SEARCH_VERSION, setup.scn.text, repr(setup.plant), setup.friction, budget, preview]
     return hashlib.sha256(json.dumps([*content, draw.offset]).encode()).hexdigest()

@@ -19,8 +19,8 @@ from bags.evaluation import metrics
 from bags.evaluation.metrics.registry import flatten
 from experiments import cli, code_version, drive_row, simulation
 from experiments.batch import run_batch
-from experiments.drive_records import DriveRecords
 from experiments.drive_row import Row
+from experiments.row_runner import DriveRecords
 
 TIMEOUT_S = 240.0
 LIMIT_S = 3.0  # of a drive that hangs

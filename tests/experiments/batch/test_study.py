@@ -8,8 +8,8 @@ from scipy import stats
 
 from bags.errors import BagError
 from experiments import drive_row
-from experiments.batch import distributions, run_batch, study_file
-from experiments.batch.distributions import Distribution
+from experiments.batch import run_batch, study_file
+from experiments.batch.study_file import Distribution
 from experiments.drive_row import NOMINAL, SCENARIO_FRICTION, SCENARIO_SPEED
 from experiments.families import draw as families
 from msgs_yaml import share
@@ -126,7 +126,7 @@ def test_every_setting_and_draw_of_a_shipped_study_is_accepted(name):
 
 def test_draws_follow_their_distributions_and_are_spread_evenly():
     """By the test of Kolmogorov and Smirnov against scipy; points of Sobol pass it by far."""
-    draws = distributions.sample(FOUR, 1024, seed=3)
+    draws = study_file.sample(FOUR, 1024, seed=3)
     expected = {
         'a': stats.uniform(-1.0, 4.0),
         'b': stats.loguniform(0.1, 10.0),
@@ -136,7 +136,7 @@ def test_draws_follow_their_distributions_and_are_spread_evenly():
         values = [draw[name] for draw in draws]
         assert stats.kstest(values, distribution.cdf).statistic < 0.01
     # a power of two has as many draws in every part
-    few = distributions.sample(FOUR, 64, seed=9)
+    few = study_file.sample(FOUR, 64, seed=9)
     for part in range(8):
         low = -1.0 + 4.0 * part / 8
         assert sum(low <= draw['a'] < low + 0.5 for draw in few) == 8
@@ -145,13 +145,13 @@ def test_draws_follow_their_distributions_and_are_spread_evenly():
 
 @given(st.integers(0, 60), st.integers(0, 60), st.integers(0, 2**32 - 1))
 def test_a_part_of_a_sample_is_that_part_of_a_longer_one(first, count, seed):
-    longer = distributions.sample(FOUR, 128, seed)
-    assert distributions.sample(FOUR, count, seed, first) == longer[first : first + count]
+    longer = study_file.sample(FOUR, 128, seed)
+    assert study_file.sample(FOUR, count, seed, first) == longer[first : first + count]
     assert not {one['a'] for one in longer} & {
-        one['a'] for one in distributions.sample(FOUR, 8, seed + 1)
+        one['a'] for one in study_file.sample(FOUR, 8, seed + 1)
     }
     with pytest.raises(ValueError, match='allowed 0 to 1073741823'):
-        distributions.sample(FOUR, 1, seed, first=distributions.MAX_DRAWS)
+        study_file.sample(FOUR, 1, seed, first=study_file.MAX_DRAWS)
 
 
 @given(
@@ -183,4 +183,4 @@ def test_no_value_leaves_its_interval(low, width, share, offset_sds, sd):
 def test_distributions_are_read(tmp_path, text, distribution):
     path = tmp_path / 'one.yaml'
     path.write_text(text)
-    assert distributions.parse(read(path)) == distribution
+    assert study_file.parse_distribution(read(path)) == distribution

@@ -11,14 +11,8 @@ from synthetic import PLAN
 
 from bags.errors import BagError
 from experiments.decisive import analysis, report
-from experiments.decisive.verdicts import (
-    Estimate,
-    decide,
-    estimate,
-    holm_levels,
-    stop_rule,
-    verdict,
-)
+from experiments.decisive.analysis import decide, stop_rule, verdict
+from experiments.statistical_inference import Estimate, estimate, holm_levels
 
 RULES = PLAN['confirmatory']
 

@@ -8,11 +8,11 @@ from rich.console import Console
 
 from bags.errors import BagError
 from experiments import drive_row
-from experiments.decisive import outcome
-from experiments.drive_records import DriveRecords
+from experiments.decisive import arms
 from experiments.drive_row import Row
 from experiments.families.lane_change_task import NAME
 from experiments.pool import Pool
+from experiments.row_runner import DriveRecords
 
 SCALES = {'failure': 10.0, 'missing_m': 0.1, 'speed_error_mps': 3.0, 'sideslip_deg': 5.0}
 AVOIDED = {
@@ -35,7 +35,7 @@ def prepared(index, settings=()):
 
 def test_an_avoided_task_has_the_metrics_of_the_whole_drive():
     setup = prepared(1, SOFT)
-    values, whole = outcome.measure(setup), drive_row.drive(setup)
+    values, whole = arms.measure(setup), drive_row.drive(setup)
     assert values['avoided']
     assert whole['completed']
     kept = min(
@@ -50,7 +50,7 @@ def test_an_avoided_task_has_the_metrics_of_the_whole_drive():
 def test_a_drive_ends_where_it_has_failed():
     """These weights spin in this task: what follows is not simulated."""
     setup = prepared(3, HARD)
-    values, whole = outcome.measure(setup), drive_row.drive(setup)
+    values, whole = arms.measure(setup), drive_row.drive(setup)
     assert not values['avoided']
     assert not whole['completed']
     assert values['min_speed_mps'] > whole['min_speed_mps']
@@ -60,7 +60,7 @@ def test_what_a_drive_raises_is_no_failure_of_the_car(tmp_path):
     row = Row(f'{NAME}:1', 'mpcc', (('controller.limits.brake_n', 1.0),), seed=11)
     pool = Pool(1, console=Console(quiet=True))
     with DriveRecords(tmp_path) as records, pool:
-        driver = outcome.Driver(records, pool)
+        driver = arms.Driver(records, pool)
         with pytest.raises(BagError, match='brake_n: is 1; allowed from'):
             driver.drive([row])
 
@@ -76,5 +76,5 @@ def test_what_a_drive_raises_is_no_failure_of_the_car(tmp_path):
     ],
 )
 def test_the_cost_of_a_drive(changes, cost):
-    assert outcome.cost({**AVOIDED, **changes}, SCALES) == pytest.approx(cost)
-    assert outcome.cost(outcome.FAILED, SCALES) == 10.0
+    assert arms.cost({**AVOIDED, **changes}, SCALES) == pytest.approx(cost)
+    assert arms.cost(arms.FAILED, SCALES) == 10.0

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from experiments import drive_row
-from experiments.decisive import arms, outcome, report
+from experiments.decisive import arms, report
 from msgs_yaml import share
 from node_runtime import parameters
 
@@ -40,7 +40,7 @@ def test_an_arm_with_weights_set_by_hand_drives_as_in_the_study_whatever_ships(a
     kept = pd.read_parquet(STUDY / 'drives.parquet')
     kept = kept[(kept.replicate == 1) & kept.judged & (kept.arm == arm) & (kept.start == 0)]
     row = arms.row(PLAN, arm, arms.settings(PLAN, arm, {}), PLAN['seeds']['judged'] + 1, task)
-    values = outcome.measure(drive_row.prepare(row, any_car=True))
+    values = arms.measure(drive_row.prepare(row, any_car=True))
     then = kept[kept.task == task].iloc[0]
     assert values['avoided'] == then.avoided
     # of another processor, whose solver rounds differently

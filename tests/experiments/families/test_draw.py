@@ -8,7 +8,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiments.families import feasibility, lane_course, scenario_document
+from experiments.families import emergencies, feasibility, scenario_document
 from experiments.families.draw import DIFFICULTIES, HARD, LIBRARY, NOMINAL, draw
 from scenario_publisher import scenario
 from scenario_publisher.waypoint_track import motion_at
@@ -134,7 +134,7 @@ def test_a_barrier_closes_the_whole_road():
 def test_lanes_of_iso_3888_have_the_widths_and_places_of_the_standard():
     width = feasibility.CAR_WIDTH
     scn = draw('iso_3888_2', 1, 0).scenario()
-    begin = lane_course.RUN_IN
+    begin = emergencies.RUN_IN
     # x at the middle of lanes 1, 3 and 5
     for x, lane in (
         (begin + 6.0, 1.1 * width + 0.25),

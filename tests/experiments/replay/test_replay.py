@@ -13,7 +13,6 @@ from bags.storage import message_filing, read
 from experiments import cli
 from experiments.configuration import set_option
 from experiments.replay import check, recorded_ticks, replayed_controller
-from experiments.replay import golden as goldens
 from experiments.replay.recorded_ticks import (
     COMMAND,
     EDGES,
@@ -64,9 +63,11 @@ def test_every_controller_of_the_paper_has_a_golden_recording():
 @pytest.mark.parametrize('name', FOLDERS)
 def test_a_golden_recording_is_small_and_answered_as_it_was_recorded(golden, name, capsys):
     bag = golden(name)
-    assert sum(file.stat().st_size for file in FOLDERS[name].iterdir()) < goldens.LARGEST_BYTES
+    assert (
+        sum(file.stat().st_size for file in FOLDERS[name].iterdir()) < recorded_ticks.LARGEST_BYTES
+    )
     assert bag.damage is None
-    assert set(json.loads(bag.run_info['parameters'])) == set(goldens.ROLES)
+    assert set(json.loads(bag.run_info['parameters'])) == set(recorded_ticks.ROLES)
     assert not [value for value in bag.run_info.values() if '/home' in value or '/tmp' in value]
     assert cli.main(['replay-check', str(FOLDERS[name])]) == 0
     assert re.search(r'the same in \d{3} ticks\n', capsys.readouterr().out)
@@ -386,10 +387,10 @@ def test_settings_of_a_replay_are_of_the_controller_whose_name_may_be_left_out()
 
 def test_cutting_a_golden_recording_once_more_changes_nothing(golden, tmp_path, monkeypatch):
     bag = golden('frenet')
-    again = read.load(goldens.cut(bag, tmp_path / 'frenet'))
+    again = read.load(recorded_ticks.cut(bag, tmp_path / 'frenet'))
     assert again.run_info == bag.run_info
     for topic, recorded in bag.recordings.items():
         assert again.recordings[topic].payloads == recorded.payloads
-    monkeypatch.setattr(goldens, 'LARGEST_BYTES', 1000)
+    monkeypatch.setattr(recorded_ticks, 'LARGEST_BYTES', 1000)
     with pytest.raises(BagError, match='at most 1000'):
-        goldens.cut(bag, tmp_path / 'large')
+        recorded_ticks.cut(bag, tmp_path / 'large')

@@ -16,7 +16,6 @@ from experiments.replay import (
     recorded_ticks,
     replayed_controller,
     resolve,
-    tick_choice,
 )
 
 from .conftest import GOLDEN
@@ -192,7 +191,7 @@ def choose(golden, ticks, monkeypatch):
     """Return choose(name, moment) -> the tick that is meant."""
     names = {str(golden(name).path): name for name in ('mpcc', 'mpcc_no_ca')}
     monkeypatch.setattr(recorded_ticks, 'read_ticks', lambda bag: ticks(names[str(bag.path)]))
-    return lambda name='mpcc', **named: tick_choice.choose(golden(name), **named)
+    return lambda name='mpcc', **named: resolve.choose(golden(name), **named)
 
 
 def gaps_of(ticks):

@@ -4,7 +4,7 @@ import numpy as np
 import pandas
 import pytest
 
-from experiments.results import drive_table
+from experiments import drive_table
 
 DRAWS, RUNS = 200, 2
 

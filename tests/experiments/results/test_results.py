@@ -7,15 +7,14 @@ import pandas
 import pytest
 
 from bags.errors import BagError
-from experiments import cli
-from experiments.results import drive_table, marginals, success_surface
+from experiments import cli, drive_figures, drive_table
 
 Z = 1.959964  # of the normal distribution, 95 %
 SPEED, FRICTION = ('--by', 'speed'), ('--by', 'friction')
 
 
 def of_pair(table, metric='clearance_m', pair=('b', 'a'), **changes):
-    return marginals.compare(table._replace(**changes), metric, pair).iloc[0]
+    return drive_table.compare(table._replace(**changes), metric, pair).iloc[0]
 
 
 def test_drives_without_a_result_are_left_out_and_draws_are_units(table, rows, folder):
@@ -53,7 +52,7 @@ def test_a_folder_without_a_usable_table_is_an_error(tmp_path, rows):
 def test_shares_have_wilsons_interval_and_numbers_quantiles(table):
     of = table.rows['controller']
     held = table.rows[of == 'b']['survived']
-    row = marginals.summarise(table, 'survived', ['controller']).set_index('controller').loc['b']
+    row = drive_table.summarise(table, 'survived', ['controller']).set_index('controller').loc['b']
     n, p = len(held), held.mean()
     middle = (p + Z**2 / (2 * n)) / (1 + Z**2 / n)
     half = Z / (1 + Z**2 / n) * math.sqrt(p * (1 - p) / n + Z**2 / (4 * n**2))
@@ -61,19 +60,21 @@ def test_shares_have_wilsons_interval_and_numbers_quantiles(table):
     expected = p, middle - half, middle + half
     assert (row['share'], row['low'], row['high']) == pytest.approx(expected)
     values = table.rows[of == 'a']['clearance_m'].dropna()
-    row = marginals.summarise(table, 'clearance_m', ['controller']).set_index('controller').loc['a']
+    row = (
+        drive_table.summarise(table, 'clearance_m', ['controller']).set_index('controller').loc['a']
+    )
     assert (row['drives'], row['missing']) == (len(values) + 1, 1)
     for name, share in (('q05', 0.05), ('median', 0.5), ('q95', 0.95)):
         assert row[name] == pytest.approx(np.quantile(values, share))
 
 
 def test_many_numbers_are_grouped_by_equal_counts_and_every_drive_is_in_one_cell(table):
-    by_speed = marginals.summarise(table, 'survived', ['speed'], bins=4)
+    by_speed = drive_table.summarise(table, 'survived', ['speed'], bins=4)
     assert len(by_speed) == 4
     assert by_speed['drives'].max() - by_speed['drives'].min() <= 4
     assert by_speed['share'].is_monotonic_decreasing
-    assert list(marginals.summarise(table, 'survived', ['run'])['run']) == [1, 2]
-    cells = marginals.summarise(table, 'survived', ['speed', 'friction'], bins=3)
+    assert list(drive_table.summarise(table, 'survived', ['run'])['run']) == [1, 2]
+    cells = drive_table.summarise(table, 'survived', ['speed', 'friction'], bins=3)
     assert (len(cells), cells['drives'].sum()) == (9, len(table.rows))
 
 
@@ -84,7 +85,7 @@ def test_a_constant_difference_is_found_though_draws_differ_far_more(table):
     # one drive has no result, one no value
     assert (result['pairs'], result['greater'], swapped['less']) == (398, 398, 398)
     assert swapped['mean'] == pytest.approx(-result['mean'])
-    equal = marginals.compare(table, 'survived', ('b', 'a'), by=['run'])
+    equal = drive_table.compare(table, 'survived', ('b', 'a'), by=['run'])
     assert list(equal['mean']) == [0.0, 0.0]
     assert list(equal['greater'] + equal['less']) == [0, 0]
 
@@ -112,10 +113,10 @@ def points():
 def test_a_surface_is_near_the_true_share_with_an_interval_that_copies_do_not_narrow(
     points, true_share, monkeypatch
 ):
-    monkeypatch.setattr(success_surface, 'RESAMPLES', 60)
+    monkeypatch.setattr(drive_figures, 'RESAMPLES', 60)
     x, y = points
     holds = np.random.default_rng(2).random(400) < true_share(x, y)
-    surface = success_surface.fit(x, y, holds, range(400))
+    surface = drive_figures.fit_surface(x, y, holds, range(400))
     truth = true_share(*np.meshgrid(surface.x, surface.y))
     assert surface.skill > 0.3
     assert np.abs(surface.share - truth).max() < 0.2
@@ -123,20 +124,20 @@ def test_a_surface_is_near_the_true_share_with_an_interval_that_copies_do_not_na
     assert np.mean((surface.low <= truth) & (truth <= surface.high)) > 0.75
     assert (surface.low <= surface.high).all()
     few = [part[:100] for part in (x, y, holds)]
-    one = success_surface.fit(*few, range(100))
-    many = success_surface.fit(*(np.tile(part, 5) for part in few), [*range(100)] * 5)
+    one = drive_figures.fit_surface(*few, range(100))
+    many = drive_figures.fit_surface(*(np.tile(part, 5) for part in few), [*range(100)] * 5)
     width, width_many = ((s.high - s.low).mean() for s in (one, many))
     assert width_many > 0.7 * width
     unrelated = np.random.default_rng(5).random(400) < 0.5
-    assert success_surface.fit(x, y, unrelated, range(400)).skill < 0.03
+    assert drive_figures.fit_surface(x, y, unrelated, range(400)).skill < 0.03
     with pytest.raises(BagError, match='share one draw or run'):
-        success_surface.fit(x, y, holds, [7] * 400)
+        drive_figures.fit_surface(x, y, holds, [7] * 400)
 
 
 @pytest.mark.parametrize('count', [3, 397])
 def test_where_nearly_all_agree_there_is_nothing_to_fit(points, count):
     with pytest.raises(BagError, match=f'{count} of 400 drives fulfil'):
-        success_surface.fit(*points, np.arange(400) < count, range(400))
+        drive_figures.fit_surface(*points, np.arange(400) < count, range(400))
 
 
 def test_tables_are_shown_and_written(folder, tmp_path, capsys):
@@ -171,7 +172,7 @@ def test_a_figure_is_written_as_png_and_svg(folder, tmp_path, words):
 
 
 def test_a_controller_whose_drives_all_agree_has_no_surface(folder, rows, capsys, monkeypatch):
-    monkeypatch.setattr(success_surface, 'RESAMPLES', 10)
+    monkeypatch.setattr(drive_figures, 'RESAMPLES', 10)
     command = ['plot', str(folder), *SPEED, *FRICTION, '--surface']
     all_held = rows['survived'].where(rows['controller'] == 'a', True)
     rows.assign(survived=all_held).to_parquet(folder / 'results.parquet')

@@ -16,7 +16,7 @@ from experiments.configuration import inputs, node_config
 from experiments.configuration.node_config import LoadedFacts
 from experiments.progress import RunProgress
 from experiments.run import node_graph
-from experiments.run.interrupt import Interrupt, Interrupted
+from experiments.run.processes import Interrupt, Interrupted
 from node_runtime import provenance
 from scenario_publisher import scenario
 
