@@ -198,6 +198,7 @@ def test_a_run_that_repeats_the_older_one_replaces_it(
     assert outcomes[0].older == runs / 'mpcc@1'
     assert outcomes[1].older == (runs / older if older else None)
     assert (runs / 'mpcc@2').exists() == bool(older)
+    assert outcomes[1].has_replaced == (older is None)
 
 
 def test_an_unexpected_error_is_the_outcome_of_its_run_and_keeps_the_recording(

@@ -100,13 +100,6 @@ def test_a_run_in_progress_is_left_alone_and_an_older_bag_gets_the_first_free_nu
     assert not staged.has_replaced
 
 
-def test_an_older_bag_is_removed_on_request(tmp_path, staged):
-    staged.keeps_older = False
-    staged.keep()
-    assert (staged.older, staged.has_replaced) == (None, True)
-    assert names(tmp_path) == ['mpcc']
-
-
 @pytest.mark.parametrize(
     ('file', 'advice'),
     [('metadata.yaml', 'is whole'), ('mpcc_0.mcap', 'bags repair'), (None, 'no bag')],
