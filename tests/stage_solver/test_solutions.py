@@ -107,18 +107,6 @@ def test_an_input_held_by_equal_limits_does_not_move():
     assert np.allclose(solution.plan.U[:, 0], 0.25, atol=4e-6)
 
 
-def test_a_drive_stays_warm():
-    solver = make('riccati', SLALOM.problem, tolerance=1e-6)
-    solution = solver.solve(*SLALOM.numbers)
-    cold, warm = solution.iterations, []
-    for _ in range(12):
-        guess = shift(solution.plan, SLALOM.problem.dynamics, SLALOM.P[-1])
-        solution = solver.solve(solution.plan.X[1], SLALOM.P, SLALOM.bounds, guess)
-        assert solution.status == SOLVED
-        warm.append(solution.iterations)
-    assert np.median(warm) <= min(8, cold / 2)
-
-
 def test_one_step_is_accepted_where_its_residuals_are_small_enough():
     cold = SLALOM.solve(tolerance=1e-6)
     guess = shift(cold.plan, SLALOM.problem.dynamics, SLALOM.P[-1])
@@ -190,6 +178,7 @@ def test_an_infeasible_problem_is_a_failure_that_changes_no_later_solve(name, ca
     solver = make(name, case.problem)
     solution = solver.solve(*case._replace(bounds=limits._replace(x_low=x_low)).numbers)
     assert solution.status == FAILED
+    assert name != 'riccati' or solution.message == 'locally infeasible'
     assert solution.primal_residual > 1.0
     assert np.isfinite(solution.plan.X).all()
     after, alone = solver.solve(*case.numbers), case.solve(name)

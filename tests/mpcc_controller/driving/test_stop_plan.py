@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from mpcc_controller.driving import stop_plan
-from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.records import TickInputs, unknown_state
 from msgs_yaml import conformance, encode
 from msgs_yaml.types import VehicleState
@@ -75,12 +74,10 @@ def test_there_are_none_without_a_plan_and_for_a_car_that_stands(controller, wor
     assert controller.stop_plan(controller.step(TickInputs(unknown_state(2 * TICK_NS)))) is None
 
 
-def test_they_end_where_the_car_stands_and_fit_the_shortest_horizon(world):
-    params, vehicle = world.load(model__horizon=5)
-    controller = world.set_inputs(Controller(params, vehicle), world.straight())
+def test_they_end_where_the_car_stands_and_fit_the_shortest_horizon(controller, world):
     record = answered(controller, world)
-    assert len(controller.stop_plan(record).t) == 2
-    X = record.decision.plan.X.copy()
+    X = record.decision.plan.X[:6].copy()
+    assert len(controller.stop_plan(with_states(record, X)).t) == 2
     X[:, 3] = 1.0
     stop = controller.stop_plan(with_states(record, X))
     assert 1 <= len(stop.t) <= 2

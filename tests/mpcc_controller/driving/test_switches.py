@@ -8,6 +8,7 @@ import pytest
 from mpcc_controller.driving import planner
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.path_progress import LOST_M
+from mpcc_controller.driving.prediction_model import PredictionModel
 from mpcc_controller.driving.records import TickInputs
 from mpcc_controller.driving.tick_solvers import MOST_REFRESHES, REFRESH_FROM_M
 from mpcc_controller.in_force import FRONT_SHARE
@@ -171,26 +172,20 @@ def test_refreshing_ends_with_the_time_of_the_solver(world, limit_s, solves):
 # the brake split
 
 
-@pytest.mark.parametrize(
-    ('name', 'changes', 'share'),
-    [
-        ('mpcc', {'formulation__brake_split': 'fixed'}, FRONT_SHARE),
-        (
-            'frenet',
-            {'formulation__brake_split': 'fixed', 'formulation__brake_front_share': 0.6},
-            0.6,
-        ),
-    ],
-)
-def test_a_fixed_split_brakes_with_its_share_and_has_no_cost(world, changed, name, changes, share):
-    controller = changed(world.straight(v=12.0), name, **changes)
+def test_a_fixed_split_brakes_with_its_share_and_has_no_cost(world, changed):
+    fixed = {'formulation__brake_split': 'fixed'}
+    unnamed = PredictionModel(*world.load('mpcc', **fixed))
+    limits = unnamed.params.limits
+    assert limits.brake_front_share_min == limits.brake_front_share_max == FRONT_SHARE
+    fixed |= {'formulation__brake_front_share': 0.6}
+    controller = changed(world.straight(v=12.0), 'frenet', **fixed)
     commands = [r.command for r in records(world, controller, 12, speed=25.0)]
     braking = [c for c in commands if c.Fxf + c.Fxr < -100.0]
     assert len(braking) > 8
     shares = [c.Fxf / (c.Fxf + c.Fxr) for c in braking]
-    assert shares == pytest.approx([share] * len(braking), abs=1e-3)
-    terms = {term.name for term in controller.parts.model.formulation.ocp.terms}
-    assert 'lambda_b' not in terms
+    assert shares == pytest.approx([0.6] * len(braking), abs=1e-3)
+    for model in (unnamed, controller.parts.model):
+        assert 'lambda_b' not in {term.name for term in model.formulation.ocp.terms}
 
 
 # the modes of the solver

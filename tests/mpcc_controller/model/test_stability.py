@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mpcc_controller.driving.controller import Controller
+from mpcc_controller.driving.prediction_model import PredictionModel
 from mpcc_controller.in_force import describe_changes
 from mpcc_controller.model import stability
 from mpcc_controller.model.single_track import Input, State
@@ -54,10 +54,10 @@ def swing_after(prediction, vx):
 def test_wherever_the_car_drives_its_prediction_calms_down(world, low_speed, factor):
     params, vehicle = world.load(limits__least_speed_mps=3.0, model__low_speed=low_speed)
     vehicle = with_tyres(vehicle, factor)
-    controller = Controller(params, vehicle)
-    least = controller.params.limits.least_speed_mps
+    model = PredictionModel(params, vehicle)
+    least = model.params.limits.least_speed_mps
     for vx in np.arange(least or 0.5, 30.0, 2.0):
-        assert swing_after(controller.parts.model, vx) < 1.0, vx
+        assert swing_after(model, vx) < 1.0, vx
     told = ' '.join(describe_changes(params, vehicle))
     if low_speed:  # it is kinematic where it has to be
         assert bool(told) == (factor > 1)
@@ -65,14 +65,8 @@ def test_wherever_the_car_drives_its_prediction_calms_down(world, low_speed, fac
         assert (f'is {least:g} instead of 3' in told) == (least > 3.0)
 
 
-def test_the_least_speed_of_the_shipped_car_stays(world):
-    params, vehicle = world.load()
-    assert Controller(params, vehicle).params.limits.least_speed_mps == 7.0
-    assert describe_changes(params, vehicle) == []
-
-
 @pytest.mark.parametrize('low_speed', [False, True])
 def test_a_car_that_no_step_can_follow_is_refused(world, low_speed):
     params, vehicle = world.load(model__step_s=0.2, model__low_speed=low_speed)
     with pytest.raises(ParameterError, match=r'model.step_s: is 0.2.*allowed shorter steps'):
-        Controller(params, with_tyres(vehicle, 4.0))
+        PredictionModel(params, with_tyres(vehicle, 4.0))
