@@ -53,36 +53,22 @@ def test_a_mistake_is_named_with_its_line_and_key(tmp_path, line, old, new, erro
     assert error in str(caught.value)
 
 
-DERIVED = """
-derived:
-  /tf:
-    meaning: Frames.
-    type: tf2_msgs/msg/TFMessage
-    publisher: plant
-    rate_hz: {lockstep: 50, realtime: 50}
-    frame: map
-    qos: {lockstep: all, realtime: all}
-""".splitlines()[1:]
-STATUS = """\
-  /controller/why:
-    meaning: Reasons.
-    type: diagnostic_msgs/msg/DiagnosticArray
-    publisher: controller
-    rate_hz: {lockstep: 20, realtime: 20}
-    frame: ''
-    qos: {lockstep: all, realtime: all}
-    fields:
-      status[*].value: {symbol: x, unit: word}
-""".splitlines()
+def replaced(lines, old, new):
+    return [line.replace(old, new) for line in lines]
+
+
+ODOMETRY = LINES[4:14]
+DERIVED = replaced(ODOMETRY, 'nav_msgs/msg/Odometry', 'tf2_msgs/msg/TFMessage')
+STATUS = replaced(LINES, 'sensor_msgs/msg/JointState', contract.DIAGNOSTICS)
 
 
 @pytest.mark.parametrize(
     ('lines', 'error'),
     [
         ([*LINES[:3], LINES[2].replace('all', 'spare', 1), *LINES[3:]], ':4: profiles.spare: no t'),
-        ([*LINES, *STATUS], r'is written as status\[\*\].values\[key\].value'),
-        ([*LINES, DERIVED[0], *LINES[4:14]], r'derived./vehicle/odometry.type: is .*; allowed std'),
-        ([*LINES, *DERIVED, '    fields: {x: {symbol: x, unit: word}}'], 'fields belong to topics'),
+        (STATUS, r'is written as status\[\*\].values\[key\].value'),
+        ([*LINES, 'derived:', *ODOMETRY], r'derived./vehicle/odometry.type: is .*; allowed std'),
+        ([*LINES, 'derived:', *DERIVED], 'fields belong to topics'),
     ],
 )
 def test_a_mistake_that_takes_several_lines_is_named(tmp_path, lines, error):

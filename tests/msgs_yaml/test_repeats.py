@@ -59,14 +59,8 @@ def test_poses_without_a_stamp_stay_so_in_a_repeat(now_ns):
 @both
 def test_any_other_byte_that_differs_is_another_message(topic):
     old = raw_of(topic, 3)
-    padding = set(range(*raw_scenario.PADDING.indices(99))) if topic == REFERENCE else set()
-    first_stamp = 4 if topic == REFERENCE else 8
-    for place in set(range(len(old))) - padding - set(range(first_stamp, first_stamp + 8)):
-        new = bytearray(old)
-        new[place] ^= 1
-        assert not repeated_ns(topic, bytes(new), old), place
-    # a stamp that moved alone, without the others, too
-    for place in range(first_stamp, first_stamp + 8):
+    padding = range(*raw_scenario.PADDING.indices(99)) if topic == REFERENCE else ()
+    for place in sorted(set(range(len(old))) - set(padding)):  # one of the stamps, too
         new = bytearray(old)
         new[place] ^= 1
         assert not repeated_ns(topic, bytes(new), old), place

@@ -35,41 +35,38 @@ FILE = parameters.ParameterFile(
 )
 
 
-@pytest.fixture
-def rows():
-    groups = parameter_docs.describe(Brakes, FILE)
-    return {row.name: row for group in groups for row in group.parameters}
+GROUPS = parameter_docs.describe(Brakes, FILE)
+ROWS = {row.name: row for group in GROUPS for row in group.parameters}
 
 
 def test_groups_have_the_first_paragraph_of_their_docstring():
-    groups = parameter_docs.describe(Brakes, FILE)
-    assert [(group.name, group.meaning) for group in groups] == [
+    assert [(group.name, group.meaning) for group in GROUPS] == [
         ('', 'All brakes.'),
         ('front', 'Brakes of an axle.'),
         ('rear', 'Brakes of an axle.'),
     ]
 
 
-def test_a_parameter_has_unit_range_default_and_a_meaning(rows):
-    force = rows['front.force_n']
+def test_a_parameter_has_unit_range_default_and_a_meaning():
+    force = ROWS['front.force_n']
     assert (force.unit, force.low, force.high, force.default) == ('N', 0.0, 1e4, 3000.0)
     assert (force.allowed, force.default_text, force.group) == ('0 to 10000', '3000', 'front')
     assert force.meaning == 'of the front axle'  # the comment of the file
-    assert rows['rear.force_n'].meaning == 'both wheels'  # the remark of the range
+    assert ROWS['rear.force_n'].meaning == 'both wheels'  # the remark of the range
     # the same field of another group lends its meaning
-    assert rows['rear.delay_ms'].meaning == 'not before it is cold after a command'
+    assert ROWS['rear.delay_ms'].meaning == 'not before it is cold after a command'
 
 
-def test_what_may_be_left_out_is_told_from_what_must_be_given(rows):
+def test_what_may_be_left_out_is_told_from_what_must_be_given():
     defaults = {
         'front.delay_ms': 'left out',
         'rear.force_n': 'none: must be given',
         'speeds_mps': '[1, 2.5]',
         'kind': 'disc',
     }
-    assert {name: rows[name].default_text for name in defaults} == defaults
-    assert rows['speeds_mps'].kind == 'list of number'
-    assert rows['kind'].allowed == 'disc or drum'
+    assert {name: ROWS[name].default_text for name in defaults} == defaults
+    assert ROWS['speeds_mps'].kind == 'list of number'
+    assert ROWS['kind'].allowed == 'disc or drum'
 
 
 @pytest.mark.parametrize(
