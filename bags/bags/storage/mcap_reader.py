@@ -176,7 +176,8 @@ def read_mcap(file: Path, whole: bool = True) -> Contents:
         schema, _ = defined.get((Opcode.SCHEMA, getattr(channel, 'schema_id', 0)), (None, False))
         if opcode != Opcode.CHANNEL or not schema or channel.message_encoding != 'cdr':
             continue
-        # beside channels with a checksum another number is a damaged one
+        # beside channels with a checksum one without it is taken for a damaged copy of another,
+        # unless messages have its number and no other channel has its topic
         if vouched and not checked and (channel.topic in vouched or number not in used):
             continue
         topics[number] = BagTopic(

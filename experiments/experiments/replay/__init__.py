@@ -11,7 +11,7 @@ horizon_figure       the figure of one tick's plan
 
 # events of a drive that name a tick, as `experiments resolve --at EVENT` takes them
 LOSS = 'loss'
-LEAD_S = 1.0  # from the tick of LOSS to that
+LEAD_S = 1.0  # s, from the tick that LOSS names to the loss
 # events, and where their ticks are
 EVENTS = {
     'closest': 'least distance to an obstacle',

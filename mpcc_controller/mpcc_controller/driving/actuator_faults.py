@@ -72,7 +72,7 @@ class ActuatorState(NamedTuple):
 
     @property
     def steers(self) -> bool:
-        """Whether the steering may move as it is asked to."""
+        """Whether nothing tells that the steering does not move as it is asked to."""
         return not (self.sticks or self.stands)
 
     @property

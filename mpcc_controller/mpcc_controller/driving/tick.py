@@ -283,7 +283,8 @@ def _decide(
     stops = not params.limits.least_speed_mps and path.ends_in_stop and predicted.vx > STANDS_MPS
     if not reason and x0.theta > path.length and not stops:
         reason = PATH_ENDED
-    # who cannot steer brakes; whether forces follow also tells a steering that sticks from a delay
+    # Without steering the car brakes. Braking also changes the forces: if these follow at once, the
+    # set-points are not late, and the steering sticks.
     if not reason and not memory.actuators.steers:
         reason = STEERING_STICKS if memory.actuators.sticks else STEERING_STANDS
     if reason:

@@ -168,6 +168,7 @@ def test_a_steering_that_followed_sticks_two_ticks_after_it_stopped_if_the_force
     first = 18 if force_follows else 20
     assert found == [False] * first + [True] * (29 - first)
     assert stands.index(True) == 18
+    assert all(a or b for a, b in zip(stands[18:], found[18:]))
 
 
 @pytest.fixture
@@ -280,11 +281,12 @@ def test_a_steering_that_is_off_and_late_does_not_stick(vehicle):
 
 @pytest.mark.parametrize('delay_ms', [100, 150, 200])
 def test_a_delay_that_begins_while_driving_is_no_steering_that_sticks(vehicle, delay_ms):
+    """The car brakes for a few ticks until it knows."""
     for points in manoeuvres():
         states = [*watch_delayed(vehicle, points, delay_ms, 0.7, from_s=1.5)]
+        assert sum(state.stands for state in states) <= 4
         assert not any(state.sticks for state in states)
         assert LATE in states[-1].faults
-        assert not states[-1].stands
 
 
 def test_a_difference_is_a_fault_after_four_ticks_and_none_after_a_second(monitor):
