@@ -95,9 +95,9 @@ def test_frames_are_recorded_once_where_car_and_wheels_are(
     assert np.ptp(actuators.steer_rad) > 0.01
     for of_one in by_name.values():
         stamps = [conversions.stamp_to_ns(frame.header.stamp) for frame in of_one]
-        # two nodes that send them would repeat a stamp; a node that draws sees few states on a busy
-        # machine
-        assert len({*stamps}) == len(stamps) >= 3
+        # two nodes that send them would repeat a stamp
+        # the plant sends every one; a node that draws sees few states on a busy machine
+        assert len({*stamps}) == len(stamps) > (10 if moving is PLANT[1] else 2)
         assert not {*np.diff(sorted(stamps)) % period_ns} - {0}
     assert np.ptp([place(frame)[0] for frame in by_name['base_link']]) > 1.0
     if moving is PLANT[1]:
