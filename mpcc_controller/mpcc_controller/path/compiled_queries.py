@@ -12,6 +12,7 @@ from stage_solver import compile_cache
 FLAGS = ('-O2', '-fno-math-errno', '-ffp-contract=off')
 SOURCE = Path(__file__).with_name('queries.c')
 POINTER, LONG, DOUBLE = ctypes.c_void_p, ctypes.c_long, ctypes.c_double
+START = ctypes.c_char * 0  # of an array
 ARGUMENTS = {
     'make_discs': (LONG, POINTER, POINTER, POINTER),
     'path_at': (LONG, POINTER, LONG, POINTER, POINTER),
@@ -38,7 +39,10 @@ def library() -> ctypes.CDLL:
 
 def call(name: str, *arguments: np.ndarray | float):
     """Return what a query returns; arrays, of `row`, are passed by their addresses."""
-    given = [a.ctypes.data if type(a) is np.ndarray else a for a in arguments]
+    try:  # takes a third of the time of the attribute `ctypes`, 30 times per tick
+        given = [START.from_buffer(a) if type(a) is np.ndarray else a for a in arguments]
+    except TypeError:  # an array that is not to be changed
+        given = [a.ctypes.data if type(a) is np.ndarray else a for a in arguments]
     return getattr(library(), name)(*given)
 
 
