@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from experiments.survivable.emergency import TICK_S, Emergency, Path, reference_of
+from experiments.survivable.emergency import TICK_S, Emergency
+from experiments.survivable.road_coordinates import Path, reference_of
 from experiments.survivable.sides import Approach
 from mpcc_controller.driving.controller import Controller
 from mpcc_controller.driving.records import TickInputs

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from experiments.survivable.emergency import TICK_S, Emergency, Path
+from experiments.survivable.emergency import TICK_S, Emergency
+from experiments.survivable.road_coordinates import Path
 from msgs_yaml.conversions import NS_PER_S
 
 PATHS = 8  # of one speed profile, at most

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiments.survivable.emergency import RoadCoordinates, reference_of
+from experiments.survivable.road_coordinates import RoadCoordinates, reference_of
 from msgs_yaml.types import Reference, RoadEdges
 
 RADIUS, SPEED = 60.0, 15.0
