@@ -3,7 +3,7 @@
 Fields of the contract with a `column` make the value of their topic. A field of the value is one
 number, which a symmetric matrix has twice, four (one per wheel), or a heading (z and w of its
 quaternion). `encode`, `decode`, the publishers and the tables of `bags` derive from this, so a new
-number costs two lines in topics.yaml and one in `types`. No ROS is needed.
+number costs two lines in topics.yaml and one in the type of its topic. No ROS is needed.
 
 Building and serialising a message object costs tens of microseconds, packing its bytes a few; the
 plant sends two thousand messages per simulated second. Reading costs 10 us in place of 300 us.
@@ -28,6 +28,7 @@ from msgs_yaml.types import (
     EstimatedState,
     Gnss,
     Imu,
+    Inertial,
     VehicleState,
     Wheels,
 )
@@ -37,7 +38,7 @@ TYPES = {
     '/vehicle/actuators': Actuators,
     '/vehicle/imu': Imu,
     '/vehicle/wheels': Wheels,
-    '/sensors/inertial': Imu,
+    '/sensors/inertial': Inertial,
     '/sensors/chassis': Chassis,
     '/sensors/gnss': Gnss,
     '/estimator/odometry': EstimatedState,

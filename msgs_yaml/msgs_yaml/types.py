@@ -68,13 +68,23 @@ class Actuators(NamedTuple):
 
 
 class Imu(NamedTuple):
-    """Accelerations at the CoG without gravity: /vehicle/imu; with it: /sensors/inertial."""
+    """Accelerations at the CoG without gravity: /vehicle/imu."""
 
     stamp_ns: int
     ax: float  # m/s^2, base_link
     ay: float  # m/s^2, base_link
     r: float  # rad/s, yaw rate
     p: float = 0.0  # rad/s, roll rate
+
+
+class Inertial(NamedTuple):
+    """What a car measures of its motion in the rolling and pitching body: /sensors/inertial."""
+
+    stamp_ns: int
+    ax: float  # m/s^2, with the share of gravity
+    ay: float  # m/s^2, the same
+    r: float  # rad/s, yaw rate
+    p: float  # rad/s, roll rate
 
 
 class Wheels(NamedTuple):

@@ -16,7 +16,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from msgs_yaml.conversions import NS_PER_S
-from msgs_yaml.types import WHEELS, Chassis, Gnss, Imu
+from msgs_yaml.types import WHEELS, Chassis, Gnss, Inertial
 from node_runtime.parameters import Range, Struct
 from vehicle_plant.car import Car
 from vehicle_plant.state import Trajectory, join_trajectories
@@ -79,7 +79,7 @@ class Reading(NamedTuple):
     """A message of a sensor when it arrives."""
 
     topic: str
-    value: Imu | Chassis | Gnss
+    value: Inertial | Chassis | Gnss
 
 
 class Sensors:
@@ -156,7 +156,8 @@ class Sensors:
             r,
             roll,
         )
-        return Reading(INERTIAL, Imu(ns, *(true + self._bias + self._imu_noise * n[4:]).tolist()))
+        measured = true + self._bias + self._imu_noise * n[4:]
+        return Reading(INERTIAL, Inertial(ns, *measured.tolist()))
 
     def _chassis(self, ns, steer, teeth, edges_ns):
         p = self._p.chassis
