@@ -7,6 +7,7 @@ from node_graph import note_run
 from node_ring import NodeRing
 
 from experiments import simulation
+from experiments.configuration.node_config import known_controllers
 from experiments.replay import check
 from mpcc_controller.driving.actuator_faults import FAULT
 from mpcc_controller.driving.controller import Controller
@@ -21,7 +22,7 @@ NOISE = {
     'measurement_errors.lateral_speed_noise_mps': 0.1,
     'measurement_errors.yaw_rate_noise_radps': 0.02,
 }
-CONTROLLERS = ('mpcc', 'mpcc_no_ca', 'frenet', 'tracking', 'mpcc_comfort', 'mpcc_road')
+CONTROLLERS = [*known_controllers()]
 # locked wheels: the controllers do not know that the road is slippery
 NOMINAL = [
     *((DOUBLE, controller, {}) for controller in CONTROLLERS),

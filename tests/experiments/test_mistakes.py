@@ -16,6 +16,7 @@ import yaml
 from capabilities import ORDINARY_USER
 
 from experiments import cli
+from experiments.configuration.node_config import known_controllers
 from msgs_yaml import share
 
 SLOW = ('casadi', 'matplotlib', 'bokeh', 'rclpy')  # to import
@@ -99,7 +100,7 @@ SETTINGS = [
 CONTROLLERS = [
     ('mpc', "did you mean 'mpcc'"),
     ('frenet.yaml', "did you mean 'frenet'"),
-    ('car', "'car'; there are frenet, mpcc, mpcc_comfort, mpcc_no_ca, mpcc_road, tracking"),
+    ('car', f"'car'; there are {', '.join(known_controllers())}"),
     ('mpcc,frenet', 'once for each: --controller mpcc --controller frenet'),
     ('broken', "'broken' ... give its path, ./broken.yaml"),
     ('./raod.yaml', "did you mean 'road.yaml'"),

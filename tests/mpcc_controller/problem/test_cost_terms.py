@@ -134,16 +134,17 @@ ENVELOPE = {
 }
 
 
-OPTIONAL = {**ENVELOPE, 'time_gap': 'time_gap_lack_m', 'jerk': 'lateral_jerk_mps3'}
+OPTIONAL = [term for term in cost_terms.MPCC if term.optional and not term.switch]
 
 
-@pytest.mark.parametrize(('term', 'tolerance'), OPTIONAL.items())
-def test_an_optional_term_is_in_the_problem_where_its_tolerance_is(pose, term, tolerance):
-    paper, more = (pose(START, **c).form.ocp for c in ({}, {f'tolerances__{tolerance}': 0.01}))
-    assert {t.name for t in more.terms} - {t.name for t in paper.terms} == {term}
+@pytest.mark.parametrize('term', OPTIONAL, ids=lambda term: term.name)
+def test_an_optional_term_is_in_the_problem_where_its_tolerance_is(pose, term):
+    tolerance = {term.parameter.replace('.', '__'): 0.01}
+    paper, more = (pose(START, **changes).form.ocp for changes in ({}, tolerance))
+    assert {t.name for t in more.terms} - {t.name for t in paper.terms} == {term.name}
     assert paper.template.envelope == ()
-    limits = {'jerk': (), 'time_gap': ('time_gap_s',)}
-    assert more.template.envelope._fields == limits.get(term, (term,))
+    limits = (term.limit,) if term.limit else ()
+    assert more.template.envelope._fields == limits
 
 
 @pytest.fixture(scope='module')
