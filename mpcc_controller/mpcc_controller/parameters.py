@@ -258,7 +258,7 @@ class MeasurementErrors(Struct):
 class Ages(Struct):
     """How old an input may be, realtime only; from half of it on there is a warning."""
 
-    state_s: Annotated[float, Range(0.01, 10.0, 's, then the car brakes blindly')]
+    state_s: Annotated[float, Range(0.01, 10.0, 's, then it drives without a state')]
     reference_s: Annotated[float, Range(0.1, 60.0, 's, path and road edges')]
     obstacles_s: Annotated[float, Range(0.05, 10.0, 's')]
 

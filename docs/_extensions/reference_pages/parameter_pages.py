@@ -189,7 +189,7 @@ def controllers(folder: Path) -> str:
         if 'car_file' not in file.values:
             continue  # a car
         if file.base is None:
-            parts += [f'## `{path.name}`', 'Every parameter; no base.']
+            parts += [f'## `{path.name}`', 'Every parameter that must be given; no base.']
             continue
         base = parameters.read_file(file.base, folder)
         own = [name for name, source in file.sources.items() if source.startswith(f'{path}:')]

@@ -131,7 +131,7 @@ def steering_angle(x: VehicleState, lateral: float, Fx: float, lambda_b: float, 
     """
     F_x, F_y = single_track.split(Fx, lambda_b, car).f, lateral_forces(lateral, car).f
     Fz = single_track.loads(Fx, car).f
-    slip = slip_of(F_y, lateral_capacity(car.mu_f * Fz, float(F_x)), car.C_f, car.compliance)
+    slip = slip_of(F_y, lateral_rest(car.mu_f * Fz, float(F_x)), car.C_f, car.compliance)
     blend = min(max(x.vx / car.v_slip, 0.0), 1.0)
     direction = math.atan((x.vy + car.l_f * x.r) / max(x.vx, car.v_slip))
     square = max(x.vx**2 + x.vy**2, car.v_slip**2)
@@ -139,7 +139,7 @@ def steering_angle(x: VehicleState, lateral: float, Fx: float, lambda_b: float, 
     return blend * direction + (1 - blend) * kinematic + slip
 
 
-def lateral_capacity(friction: float, Fx: float) -> float:
+def lateral_rest(friction: float, Fx: float) -> float:
     """Return the lateral force [N] that is left of a friction force beside a longitudinal one."""
     return math.sqrt(max(friction**2 - Fx**2, 0.0))
 

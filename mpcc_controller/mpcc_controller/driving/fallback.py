@@ -1,7 +1,8 @@
 """What to drive when the solver fails: five levels of fallback, each with its reason.
 
-1 solved, 2 stopped early but acceptable, 3 the last plan shifted, 4 recovery of a car that slides,
-if it is switched on (`recovery`), 5 braking along the last good plan or along the path (`braking`).
+1 solved, 2 stopped early but acceptable, 3 the last plan shifted, of a car that does not slide,
+4 recovery of one that does, if it is switched on (`recovery`), 5 braking along the last good plan
+or along the path (`braking`). Ticks that do not solve: `tick`.
 """
 
 from collections.abc import Callable

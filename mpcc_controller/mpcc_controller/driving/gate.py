@@ -33,12 +33,12 @@ class Gate(NamedTuple):
     axle_rate_nps: float = math.inf  # what the actuators of one axle can do, `limits`: of both
     lost: str = ''  # 'Fxf' or 'Fxr' of an axle without brakes: what is asked of it does not act
 
-    def check(self, command: Command, last: Command, age_s: float, believed: Car) -> GateResult:
+    def check(self, command: Command, last: Command, age_s: float, to_brake: Car) -> GateResult:
         """Return the command, or if it is rejected the last one held.
 
         `age_s` is the age of the state that the command answers; a state from the future, by a
-        tick or more, means that clocks disagree. `believed` is the car on the friction that
-        braking may use now, 1.15 times the believed one. The held command keeps the steering
+        tick or more, means that clocks disagree. `to_brake` is the car on the friction that
+        braking may use now (`PredictionModel.car_to_brake`). The held command keeps the steering
         set-point and the brakes; it releases a driving force at its rate limit.
         """
         checks = {
@@ -48,7 +48,7 @@ class Gate(NamedTuple):
             'not_newer': command.stamp_ns <= last.stamp_ns,
             'out_of_range': not self._in_range(command),
             'too_fast': not self._in_rate(command, last),
-            'beyond_friction': not self._in_friction(command, last, believed),
+            'beyond_friction': not self._in_friction(command, last, to_brake),
         }
         reason = next((reason for reason, failed in checks.items() if failed), '')
         return GateResult(self._hold(last, command.stamp_ns) if reason else command, reason)
@@ -74,18 +74,18 @@ class Gate(NamedTuple):
             and abs(command.d_delta) <= _rounded_up(self.limits.steer_rate_radps)
         )
 
-    def _in_friction(self, command, last, believed):
+    def _in_friction(self, command, last, to_brake):
         """Return whether no axle gets more than the friction of the identified car.
 
-        Nor more than the believed one, unless the last command asked for as much: forces take time
-        to fall when the belief does.
+        Nor more than that of the car `to_brake`, unless the last command asked for as much: forces
+        take time to fall when the belief does.
         """
         if self.lost:
             nothing = {self.lost: 0.0}
             command, last = command._replace(**nothing), last._replace(**nothing)
-        allowed = max(1.0, _friction_use(last, believed))
+        allowed = max(1.0, _friction_use(last, to_brake))
         return _friction_use(command, self.car) <= _rounded_up(1.0) and _friction_use(
-            command, believed
+            command, to_brake
         ) <= _rounded_up(allowed)
 
     def _hold(self, last, stamp_ns):

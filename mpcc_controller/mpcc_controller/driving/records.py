@@ -57,7 +57,7 @@ class TickRecord(NamedTuple):
     """Everything that one step decided. The command is complete; `TickReporter` explains it."""
 
     inputs: TickInputs
-    command: Command  # passed the gate
+    command: Command  # as it is sent; `gate_reason`, `decision`: what it has passed
     decision: Decision
     effective_ns: int  # when the command takes effect
     state: VehicleState  # predicted to then
@@ -88,7 +88,7 @@ class Memory(NamedTuple):
     believed: float  # friction coefficient
     actuators: ActuatorState = ActuatorState()
     tracks: Tracks = Tracks()
-    guide: tuple[int, np.ndarray] | None = None  # stamp [ns] and points [m] of the last plan, map
+    planned_line: tuple[int, np.ndarray] | None = None  # of the last plan: stamp, points [m, map]
     known: VehicleState | None = None  # the last state that was finite
     is_too_slow: bool = False
     slid: bool = False  # whether the car slid in the last tick

@@ -81,7 +81,7 @@ def recovery_target(
     most = LATERAL_USE * braking.max_acceleration(car, limits)
     lateral = braking.lateral_acceleration(x, lookahead, most) if lookahead else 0.0
     split = single_track.split(now.Fx, single_track.ideal_split(now.Fx, car), car)
-    rear_capacity = braking.lateral_capacity(car.mu_r * Fz.r, float(split.r))
+    rear_capacity = braking.lateral_rest(car.mu_r * Fz.r, float(split.r))
     F_yr = _lateral_force(rear_slip(x, car), rear_capacity, car.C_r)
     wheelbase = car.l_f + car.l_r
     F_d = car.m * lateral * car.l_f / wheelbase  # of the rear axle while cornering
@@ -95,8 +95,8 @@ def recovery_target(
     else:
         use, level = limits.friction_use, single_track.loads(0.0, car)
         front, rear = use * car.mu_f * level.f, use * car.mu_r * level.r
-        front = braking.lateral_capacity(front, min(abs(F_yf), front))
-        rear = braking.lateral_capacity(rear, min(abs(F_yr), rear))
+        front = braking.lateral_rest(front, min(abs(F_yf), front))
+        rear = braking.lateral_rest(rear, min(abs(F_yr), rear))
         share = setpoints.allowed_split(0.0, car, limits)
         # an axle that does not brake limits nothing
         front = front / share if share > 0 else math.inf
@@ -109,7 +109,7 @@ def recovery_target(
         setpoints.allowed_split(Fx, car, limits), Fx, car, limits
     )
     front = single_track.split(Fx, lambda_b, car).f
-    capacity = braking.lateral_capacity(car.mu_f * single_track.loads(Fx, car).f, float(front))
+    capacity = braking.lateral_rest(car.mu_f * single_track.loads(Fx, car).f, float(front))
     slip = braking.slip_of(F_yf, capacity, car.C_f, car.compliance)
     delta = _front_direction(x, car) + slip
     return setpoints.within_limits(delta, Fx, lambda_b, now, limits, step_s)

@@ -148,8 +148,8 @@ def brake_after_error(
     if scene.path is not None:
         line, points = braking.PATH, scene.path.table[:2].T
     longest_ns = params.fallback.max_guide_age * params.model.step_s * NS_PER_S
-    if memory.guide and 0 <= measured.stamp_ns - memory.guide[0] <= longest_ns:
-        line, points = braking.PLAN, memory.guide[1]
+    if memory.planned_line and 0 <= measured.stamp_ns - memory.planned_line[0] <= longest_ns:
+        line, points = braking.PLAN, memory.planned_line[1]
     grip = memory.believed / params.model.friction
     modelled = parts.model.car._replace(
         mu_f=grip * parts.model.car.mu_f, mu_r=grip * parts.model.car.mu_r
@@ -347,7 +347,9 @@ def _remember(memory: Memory, command: Command, decision, effective_ns, rejectio
     counts = dict(memory.rejections)
     for reason in rejections:
         counts[reason] = counts.get(reason, 0) + 1
-    guide = memory.guide
+    planned = memory.planned_line
     if decision.plan is not None:
-        guide = command.stamp_ns, decision.plan.X[:, :2]
-    return memory._replace(last=command, ramps=(*kept, ramp), rejections=counts, guide=guide)
+        planned = command.stamp_ns, decision.plan.X[:, :2]
+    return memory._replace(
+        last=command, ramps=(*kept, ramp), rejections=counts, planned_line=planned
+    )

@@ -59,13 +59,13 @@ class LockstepTrigger(Trigger):
             return NOTHING
         if self.with_predictions and self.predictions != self.state:
             return NOTHING
-        begun = self._begins()
+        begins = self._begins()
         if self.needs_actuators and self.actuators != self.state:
             return NOTHING
         repeat = self.state == self.answered
         self.answered = self.state
         self.state = None  # the next message with this stamp is a repetition by the plant
-        return Due(step=not repeat, repeat=repeat, restart=begun)
+        return Due(step=not repeat, repeat=repeat, restart=begins)
 
     def on_lost(self, stamp_ns: int) -> None:
         """Note that a state was not answered: the plant repeats it, with the actuators."""

@@ -1,6 +1,6 @@
 """The optimal control problems.
 
-formulation             the interface of a formulation, and the list of them
+formulation             the interface of a formulation; their list: `parameters.FORMULATIONS`
 mpcc_formulation        the paper's MPCC, and trajectory tracking
 frenet_formulation      the baseline, in path coordinates
 cost_terms              the one list of cost terms, with their weights and what is refused

@@ -167,7 +167,8 @@ TIME_GAP = CostTerm(
     optional=True,
     limit='time_gap_s',
 )
-INPUTS = (
+# of every formulation: its inputs, and a car that is too slow
+COMMON = (
     CostTerm('d_delta', 'tolerances.steer_rate_radps', lambda q: q.u.d_delta**2, uses_input=True),
     CostTerm('d_Fx', 'tolerances.force_rate_nps', lambda q: q.u.d_Fx**2, uses_input=True),
     CostTerm(
@@ -203,7 +204,7 @@ MPCC = (
     *DISTANCES,
     *ENVELOPE,
     TIME_GAP,
-    *INPUTS,
+    *COMMON,
 )
 # the baseline, in path coordinates
 FRENET = (
@@ -212,7 +213,7 @@ FRENET = (
     VELOCITY,
     *DISTANCES,
     *ENVELOPE,
-    *INPUTS,
+    *COMMON,
 )
 
 # what is kept away from as long as it can be
@@ -292,7 +293,7 @@ def _check_list(terms: Sequence[CostTerm], params: ControllerParams) -> None:
         if leaves[name].optional and known[name] is not None and name not in used:
             raise CostTermError(
                 f'{name}: is {known[name]:g}, but no cost term of the formulation '
-                f'{params.formulation.name} uses it: put its CostTerm into INPUTS, MPCC or FRENET '
+                f'{params.formulation.name} uses it: put its CostTerm into COMMON, MPCC or FRENET '
                 'of problem/cost_terms.py, or leave the parameter out'
             )
 

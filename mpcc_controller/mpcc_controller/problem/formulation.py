@@ -1,4 +1,4 @@
-"""What every formulation is, and the list of them: the paper's MPCC, the Frenet baseline, tracking.
+"""What every formulation is; the list of them is `parameters.FORMULATIONS`.
 
 Outside a formulation a plan is in the map: its states are `single_track.State`, its theta the
 distance along the path. Inside it is in the states of the problem that is solved ("local").
