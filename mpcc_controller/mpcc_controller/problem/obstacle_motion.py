@@ -60,7 +60,8 @@ def places(obstacles: Sequence[PredictedObstacle], t: np.ndarray) -> np.ndarray:
     """
     now = np.array([o[1:6] for o in obstacles], float).reshape(-1, 5)
     X, Y, r_obs, vX, vY = now.T[:, :, None]
-    table = np.array((X + vX * t, Y + vY * t, np.repeat(r_obs, len(t), axis=1)))
+    table = np.empty((3, len(now), len(t)))
+    table[0], table[1], table[2] = X + vX * t, Y + vY * t, r_obs
     alike: dict[tuple[int, float], list[int]] = {}  # rows of one table at one time
     for row, o in enumerate(obstacles):
         if o.course is not None:

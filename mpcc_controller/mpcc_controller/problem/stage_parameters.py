@@ -118,12 +118,12 @@ def obstacle_slots(
     if len(items) > most and params.tracker.position_m is not None:
         chosen, gaps = items, closest_gaps(guess, items, params)
         places = np.sort(np.argpartition(gaps, most - 1, axis=0)[:most], axis=0)
+        table = table[:, places, np.arange(count)]
     else:
         rows = closest_discs(params, items, guess)
-        chosen = tuple(items[row] for row in rows)
-        table, places = table[:, rows], np.repeat(np.arange(len(rows))[:, None], count, axis=1)
-    discs = table[:, places, np.arange(count)].transpose(1, 0, 2)
-    slots = tuple(frame.obstacle(scene.path, Disc(*disc), x) for disc in discs)
+        chosen, table = tuple(items[row] for row in rows), table[:, rows]
+        places = np.broadcast_to(np.arange(len(rows))[:, None], (len(rows), count))
+    slots = tuple(frame.obstacle(scene.path, Disc(*disc), x) for disc in zip(*table))
     return slots + (frame.empty_slot(x),) * (most - len(slots)), chosen, places
 
 
