@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from experiments import simulation
-from experiments.decisive.arms import BY_HAND
 from experiments.simulation import Setup
+from experiments.tuned_study.arms import BY_HAND
 from scenario_publisher import scenario
 
 SCENARIOS = Path(__file__).parent / 'scenarios'

@@ -15,7 +15,7 @@ Analyse
     drive_table        a table of drives: its metrics over columns, pairs of controllers
     drive_figures      these as figures, success surfaces among them
     survivable         which emergencies any driver can survive
-    decisive           the study of tuned controllers: estimands, verdicts, figures
+    tuned_study        the study of tuned controllers: estimands, verdicts, figures
     settings_study     the published shares of the study over many settings
     tuning             controller weights by the search of the study
     measured           the car from recorded driving, and the prediction against it

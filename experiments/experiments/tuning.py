@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import yaml
 
 from experiments.configuration import inputs, node_config
-from experiments.decisive import arms, run
-from experiments.decisive.arms import Driver
 from experiments.pool import Pool
 from experiments.row_runner import DriveRecords
+from experiments.tuned_study import arms, run
+from experiments.tuned_study.arms import Driver
 from mpcc_controller.problem import formulation
 from msgs_yaml import share
 from node_runtime import parameters

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from experiments import settings_study
-from experiments.decisive import analysis, picture, plan, run
+from experiments.tuned_study import analysis, picture, plan, run
 
 ROOT = Path(__file__).parents[2]
 MATCHED, LINEAGE = 'frenet_matched', 'frenet_lineage'

@@ -45,17 +45,17 @@ def run(options: argparse.Namespace) -> int:
             text = table.to_string(index=False, float_format='{:.3f}'.format)
             console.print(text, markup=False, highlight=False, soft_wrap=True)
         return 0
-    from experiments.decisive import plan
+    from experiments.tuned_study import plan
 
     own = plan.read(folder)
     if options.part in ('decide', 'explain'):
-        from experiments.decisive import report
+        from experiments.tuned_study import report
 
         do = report.write if options.part == 'decide' else report.explain
         do(own, folder, out, console)
     else:
         from experiments import row_runner
-        from experiments.decisive import run as study
+        from experiments.tuned_study import run as study
 
         with row_runner.driving(options, console) as pool:
             study.run(own, out, pool, options.replicates)

@@ -30,7 +30,7 @@ def run(options: argparse.Namespace) -> int:
 
     from experiments import row_runner, tuning
     from experiments.commands import study
-    from experiments.decisive import plan
+    from experiments.tuned_study import plan
 
     console = Console()
     own = plan.read(options.plan or study.KEPT['run'])

@@ -14,9 +14,9 @@ import numpy as np
 import pandas as pd
 from scipy.stats import false_discovery_control, ks_2samp
 
-from experiments.decisive import arms
-from experiments.decisive.arms import COMPARED, Driver
 from experiments.families.lane_change_task import UNIFORM
+from experiments.tuned_study import arms
+from experiments.tuned_study.arms import COMPARED, Driver
 
 # of a task, beside weights
 PARAMETERS = ('S', 'speed_mps', 'latency_ms', 'rear_cornering', 'roll_share', *UNIFORM)

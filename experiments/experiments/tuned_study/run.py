@@ -25,11 +25,11 @@ import yaml
 
 from bags.errors import BagError
 from experiments import code_version
-from experiments.decisive import analysis, arms, picture, search
-from experiments.decisive.arms import COMPARED, Driver
-from experiments.decisive.plan import FILE
 from experiments.pool import Pool
 from experiments.row_runner import DriveRecords
+from experiments.tuned_study import analysis, arms, picture, search
+from experiments.tuned_study.arms import COMPARED, Driver
+from experiments.tuned_study.plan import FILE
 from node_runtime import provenance
 
 ORIGIN = 'origin.json'  # what decides the rows in a folder

@@ -14,10 +14,10 @@ import pandas as pd
 
 from bags.errors import BagError
 from experiments import drive_row, simulation
-from experiments.decisive import arms
-from experiments.decisive.arms import COMPARED
 from experiments.replay.recorded_problem import Problem
 from experiments.simulation import Setup
+from experiments.tuned_study import arms
+from experiments.tuned_study.arms import COMPARED
 from mpcc_controller.driving.parts import Parts
 from scenario_publisher.scenario import Scenario
 

@@ -8,11 +8,11 @@ from rich.console import Console
 
 from bags.errors import BagError
 from experiments import drive_row
-from experiments.decisive import arms
 from experiments.drive_row import Row
 from experiments.families.lane_change_task import NAME
 from experiments.pool import Pool
 from experiments.row_runner import DriveRecords
+from experiments.tuned_study import arms
 
 SCALES = {'failure': 10.0, 'missing_m': 0.1, 'speed_error_mps': 3.0, 'sideslip_deg': 5.0}
 AVOIDED = {

@@ -10,9 +10,9 @@ from scipy.stats import ttest_1samp
 from synthetic import PLAN
 
 from bags.errors import BagError
-from experiments.decisive import analysis, report
-from experiments.decisive.analysis import decide, stop_rule, verdict
 from experiments.statistical_inference import Estimate, estimate, holm_levels
+from experiments.tuned_study import analysis, report
+from experiments.tuned_study.analysis import decide, stop_rule, verdict
 
 RULES = PLAN['confirmatory']
 

@@ -10,8 +10,8 @@ import yaml
 from PIL import Image
 
 from experiments import cli
-from experiments.decisive import analysis
-from experiments.decisive import run as study
+from experiments.tuned_study import analysis
+from experiments.tuned_study import run as study
 from node_runtime import provenance
 
 ROOT = Path(__file__).parents[3]

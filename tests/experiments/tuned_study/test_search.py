@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from experiments.decisive import search
+from experiments.tuned_study import search
 
 RANGES = {'near': (0.1, 10.0), 'far': (1.0, 1e4), 'third': (0.01, 1.0)}
 BUDGET = {'first': {'points': 32, 'tasks': 4}, 'rounds': {'count': 6, 'points': 8, 'tasks': 4}}

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 
 from bags.errors import BagError
 from experiments.configuration import node_config, set_option
-from experiments.decisive.analysis import FACTORS
-from experiments.decisive.arms import COMPARED, HEADING
+from experiments.tuned_study.analysis import FACTORS
+from experiments.tuned_study.arms import COMPARED, HEADING
 from mpcc_controller.parameters import ControllerParams
 from msgs_yaml import strict_yaml
 from msgs_yaml.strict_yaml import Item, Range, Struct, closest, parse_value

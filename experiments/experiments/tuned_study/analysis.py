@@ -22,8 +22,8 @@ import numpy as np
 import pandas as pd
 
 from bags.errors import BagError
-from experiments.decisive.arms import COMPARED, FACTORIAL
 from experiments.statistical_inference import Estimate, estimate, holm_levels
+from experiments.tuned_study.arms import COMPARED, FACTORIAL
 
 # compared arms; the first pair is that of the verdicts
 PAIRS = (

@@ -16,12 +16,12 @@ from rich.console import Console
 
 from bags.command_line import print_paths, print_text
 from bags.figures import style
-from experiments.decisive import analysis, exchange, picture, run
-from experiments.decisive.analysis import DIFFERENCE, LIMIT_SHARE, QUANTITIES, Results, Row
-from experiments.decisive.arms import COMPARED
-from experiments.decisive.exchange import AHEAD_S, ALL, BOTH, WEIGHTS, Exchange
-from experiments.decisive.picture import Marginal
 from experiments.families.lane_change_task import DEMAND
+from experiments.tuned_study import analysis, exchange, picture, run
+from experiments.tuned_study.analysis import DIFFERENCE, LIMIT_SHARE, QUANTITIES, Results, Row
+from experiments.tuned_study.arms import COMPARED
+from experiments.tuned_study.exchange import AHEAD_S, ALL, BOTH, WEIGHTS, Exchange
+from experiments.tuned_study.picture import Marginal
 
 TEXT = 'decided.txt'
 WIDTH_INCH = 6.0  # 900 pixels

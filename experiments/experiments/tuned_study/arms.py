@@ -19,13 +19,13 @@ from bags.evaluation.drive import SIDESLIP_FROM, drive_from_columns, drop_nonfin
 from bags.evaluation.metrics.outcome import SLIDING_DEG
 from bags.evaluation.metrics.registry import METRICS, EvaluatedDrive
 from experiments import drive_row, simulation
-from experiments.decisive.search import Weights
 from experiments.drive_row import Offset, Row
 from experiments.families import draw
 from experiments.families.lane_change_task import CIRCLE_M, NAME
 from experiments.pool import Pool, WorkerError
 from experiments.row_runner import DriveRecords
 from experiments.simulation import Setup
+from experiments.tuned_study.search import Weights
 from msgs_yaml.types import VehicleState
 from scenario_publisher.scenario import Scenario
 

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from experiments import drive_row
-from experiments.decisive import arms, report
+from experiments.tuned_study import arms, report
 from msgs_yaml import share
 from node_runtime import parameters
 
