@@ -20,7 +20,7 @@ import numpy as np
 from experiments.estimation import front_stiffness
 from experiments.measured import log_map, measured_log, report
 from experiments.measured.single_track_fit import Fit
-from msgs_yaml.types import Chassis, Gnss, Imu
+from msgs_yaml.types import Chassis, Gnss, Inertial
 from node_runtime import node_parameters, parameters
 from state_estimator import estimators
 from state_estimator.parameters import EstimatorParams, Vehicle
@@ -96,7 +96,7 @@ def messages(signals: dict[str, np.ndarray], known: log_map.LogMap, fit: Fit):
             yield Gnss(ns, 0.0, 0.0, float(vx[0]), 0.0)
         wheels = (math.nan, math.nan, vx[k] - TRACK_M / 2 * r[k], vx[k] + TRACK_M / 2 * r[k])
         yield Chassis(ns, float(steer[k]), tuple(w / RADIUS_M for w in wheels))
-        yield Imu(ns, float(ax[k]), float(ay[k]), float(r[k]))
+        yield Inertial(ns, float(ax[k]), float(ay[k]), float(r[k]))
 
 
 def compare(car: str, path: Path, fit: Fit, begin: float = 0.0, end: float = 1.0) -> dict:

@@ -84,7 +84,7 @@ class Inertial(NamedTuple):
     ax: float  # m/s^2, with the share of gravity
     ay: float  # m/s^2, the same
     r: float  # rad/s, yaw rate
-    p: float  # rad/s, roll rate
+    p: float = 0.0  # rad/s, roll rate
 
 
 class Wheels(NamedTuple):
@@ -116,6 +116,9 @@ class Gnss(NamedTuple):
     Y: float  # m, map
     vX: float  # m/s, map
     vY: float  # m/s, map
+
+
+SensorReading = Inertial | Chassis | Gnss
 
 
 class Command(NamedTuple):

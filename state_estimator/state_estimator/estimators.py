@@ -1,6 +1,6 @@
 """The estimators by the name that the parameter `method` has, and the stream of messages to one."""
 
-from msgs_yaml.types import Chassis, Gnss, Imu
+from msgs_yaml.types import Gnss, Inertial, SensorReading
 from state_estimator.estimate import Estimate
 from state_estimator.filter import Filter
 from state_estimator.parameters import EstimatorParams
@@ -43,19 +43,19 @@ class Stream:
         """Why it began anew the last time."""
         return self._estimator.reason
 
-    def take(self, message: Imu | Chassis | Gnss) -> Estimate | None:
+    def take(self, message: SensorReading) -> Estimate | None:
         """Take a message; return the estimate after one of the IMU, once there is a state.
 
         One that repeats the last of its kind changes nothing. One that is older begins a drive.
         """
         kind, stamp_ns = type(message), message.stamp_ns
         before_ns = self._newest_ns.get(kind, 0)
-        if stamp_ns == before_ns and (kind is not Imu or self.estimate):
-            return self.estimate if kind is Imu else None
+        if stamp_ns == before_ns and (kind is not Inertial or self.estimate):
+            return self.estimate if kind is Inertial else None
         if stamp_ns < before_ns or (self.is_held and kind is Gnss):
             self.begin()
         self._newest_ns[kind] = stamp_ns
         estimate = self._estimator.update(message)
-        if kind is Imu:
+        if kind is Inertial:
             self.estimate = estimate
         return estimate

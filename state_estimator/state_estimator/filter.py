@@ -21,7 +21,7 @@ from collections import deque
 import numpy as np
 
 from msgs_yaml.conversions import NS_PER_S, wrap_angle
-from msgs_yaml.types import Chassis, Gnss, Imu, VehicleState
+from msgs_yaml.types import Chassis, Gnss, SensorReading, VehicleState
 from state_estimator import vehicle_model
 from state_estimator.estimate import DIVERGED, OK, Estimate
 from state_estimator.kalman import Instant, correct_late
@@ -80,7 +80,7 @@ class Filter:
         self._begin()
         self.resets, self.reason = self.resets + 1, reason
 
-    def update(self, message: Imu | Chassis | Gnss) -> Estimate | None:
+    def update(self, message: SensorReading) -> Estimate | None:
         """Take a message; return the estimate after one of the IMU, once there is a state."""
         use = {Chassis: self._on_chassis, Gnss: self._on_fix}.get(type(message), self._on_imu)
         return use(message)

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from msgs_yaml.conversions import NS_PER_S, wrap_angle
-from msgs_yaml.types import Chassis, Gnss, Imu, VehicleState
+from msgs_yaml.types import Chassis, Gnss, Inertial, SensorReading, VehicleState
 from state_estimator.estimate import OK, Estimate
 from state_estimator.filter import LONGEST_STEP_S, SLOW_MPS
 from state_estimator.parameters import EstimatorParams, Vehicle
@@ -29,10 +29,10 @@ class Raw:
         self._p, self._car, self._yaw = params, vehicle, yaw_rad
         self._fix: Gnss | None = None
         self._chassis: Chassis | None = None
-        self._imu: Imu | None = None
+        self._imu: Inertial | None = None
         self._vy = self._turned = 0.0
 
-    def update(self, message: Imu | Chassis | Gnss) -> Estimate | None:
+    def update(self, message: SensorReading) -> Estimate | None:
         """Take a message; return the estimate after one of the IMU, once there is a state."""
         if isinstance(message, Chassis):
             self._chassis = message

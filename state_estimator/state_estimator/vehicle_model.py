@@ -8,7 +8,7 @@ import math
 from typing import NamedTuple
 
 from msgs_yaml.conversions import NS_PER_S
-from msgs_yaml.types import WHEELS, Chassis, Imu
+from msgs_yaml.types import WHEELS, Chassis, Inertial
 from state_estimator.parameters import Vehicle
 
 G = 9.81  # m/s^2
@@ -96,7 +96,7 @@ class RestDetector:
     def __init__(self) -> None:
         self._since_ns: int | None = None
 
-    def update(self, imu: Imu, chassis: Chassis, bias_ax: float, bias_r: float) -> bool:
+    def update(self, imu: Inertial, chassis: Chassis, bias_ax: float, bias_r: float) -> bool:
         """Return whether the car has been at rest for a while."""
         quiet = abs(imu.r - bias_r) < STANDS_RADPS and abs(imu.ax - bias_ax) < STANDS_MPS2
         if any(chassis.omega) or not quiet:

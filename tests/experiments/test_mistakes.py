@@ -16,7 +16,6 @@ import yaml
 from capabilities import ORDINARY_USER
 
 from experiments import cli
-from experiments.configuration.node_config import known_controllers
 from msgs_yaml import share
 
 SLOW = ('casadi', 'matplotlib', 'bokeh', 'rclpy')  # to import
@@ -97,10 +96,12 @@ SETTINGS = [
     ),
     ('controller.formulation.name=trackin', "did you mean 'tracking'?; allowed mpcc or frenet or "),
 ]
+PAGE = Path(__file__).parents[2] / 'docs/controllers.md'
+ON_PAGE = re.findall(r'^\| `(\w+)\.yaml` \|', PAGE.read_text(), re.MULTILINE)
 CONTROLLERS = [
     ('mpc', "did you mean 'mpcc'"),
     ('frenet.yaml', "did you mean 'frenet'"),
-    ('car', f"'car'; there are {', '.join(known_controllers())}"),
+    ('car', f"'car'; there are {', '.join(sorted(ON_PAGE))}"),
     ('mpcc,frenet', 'once for each: --controller mpcc --controller frenet'),
     ('broken', "'broken' ... give its path, ./broken.yaml"),
     ('./raod.yaml', "did you mean 'road.yaml'"),

@@ -25,7 +25,7 @@ from scipy.optimize import least_squares
 from experiments import estimation
 from mpcc_controller import car_file
 from mpcc_controller.model import fiala
-from msgs_yaml.types import Chassis, Gnss, Imu
+from msgs_yaml.types import Chassis, Gnss, Inertial
 from state_estimator.estimators import Stream
 from state_estimator.vehicle_model import tyre_force
 
@@ -99,11 +99,11 @@ def test_without_noise_of_the_process_it_ends_where_least_squares_over_all_fixes
     messages = readings(driven, 'consumer', 5)
     # what an axle says is of no weight, and roll is steady: the roll rate is not told
     messages = [
-        m._replace(value=m.value._replace(p=0.0)) if isinstance(m.value, Imu) else m
+        m._replace(value=m.value._replace(p=0.0)) if isinstance(m.value, Inertial) else m
         for m in messages
     ]
     _, results = estimate(messages, p)
-    imus = [m.value for m in messages if isinstance(m.value, Imu)]
+    imus = [m.value for m in messages if isinstance(m.value, Inertial)]
     fixes = [m.value for m in messages if isinstance(m.value, Gnss)]
     first, *later = fixes
     at = np.searchsorted([imu.stamp_ns for imu in imus], [fix.stamp_ns for fix in later])
@@ -215,7 +215,7 @@ def test_a_car_that_stands_is_known_to_stand():
 
 def test_a_pause_of_the_imu_begins_anew_at_once_and_says_how_little_it_knows():
     driven = track(0.02, 2.0)
-    estimator, results = estimate(without(readings(driven), Imu, 2.0, 2.5))
+    estimator, results = estimate(without(readings(driven), Inertial, 2.0, 2.5))
     assert (estimator.resets, estimator.reason) == (1, '0.505 s between two messages of the IMU')
     stamps = [r.state.stamp_ns for r in results]
     assert np.diff(stamps).max() == 505_000_000
@@ -230,7 +230,7 @@ def test_a_car_that_stands_keeps_its_heading_when_the_filter_begins_anew():
     driven = track(0.05, 1.0, seconds=14.0, stops=True)
     turned = driven.state_columns().psi[-1]
     assert abs(turned - START.psi) > 0.1
-    estimator, results = estimate(without(readings(driven), Imu, 12.0, 12.5))
+    estimator, results = estimate(without(readings(driven), Inertial, 12.0, 12.5))
     assert estimator.resets == 1
     assert results[-1].state.psi == pytest.approx(turned, abs=0.03)
 
@@ -261,7 +261,7 @@ def test_repeated_messages_change_nothing_and_older_ones_begin_a_drive():
 
 def test_a_fix_of_a_car_that_is_held_begins_a_drive():
     stream, messages = Stream(params()), [m.value for m in readings(track(0.02, 2.0))[:3]]
-    assert [type(m) for m in messages] == [Gnss, Chassis, Imu]
+    assert [type(m) for m in messages] == [Gnss, Chassis, Inertial]
     stream.is_held = True
     for k in range(50):  # at 20 m/s, and it stays where it is
         later = [m._replace(stamp_ns=m.stamp_ns + k * 20_000_000) for m in messages]

@@ -16,7 +16,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from msgs_yaml.conversions import NS_PER_S
-from msgs_yaml.types import WHEELS, Chassis, Gnss, Inertial
+from msgs_yaml.types import WHEELS, Chassis, Gnss, Inertial, SensorReading
 from node_runtime.parameters import Range, Struct
 from vehicle_plant.car import Car
 from vehicle_plant.state import Trajectory, join_trajectories
@@ -79,7 +79,7 @@ class Reading(NamedTuple):
     """A message of a sensor when it arrives."""
 
     topic: str
-    value: Inertial | Chassis | Gnss
+    value: SensorReading
 
 
 class Sensors:

@@ -21,7 +21,7 @@ from experiments.replay import recorded_ticks, replayed_controller
 from experiments.replay.recorded_ticks import BELIEVED, Tick
 from experiments.replay.replayed_controller import ReplayedController
 from msgs_yaml import conversions
-from msgs_yaml.types import Chassis, Command, EstimatedState, Gnss, Imu, Prediction, StopPlan, Why
+from msgs_yaml.types import Command, EstimatedState, Prediction, SensorReading, StopPlan, Why
 from node_runtime import parameters
 from state_estimator.estimators import Stream
 from state_estimator.parameters import EstimatorParams
@@ -139,7 +139,7 @@ def replay_estimates(bag: read.Bag) -> dict[int, tuple[EstimatedState, Estimated
     return {ns: (recorded[ns], replayed[ns]) for ns in recorded.keys() & replayed.keys()}
 
 
-def _in_order(bag: read.Bag) -> Iterator[Imu | Chassis | Gnss]:
+def _in_order(bag: read.Bag) -> Iterator[SensorReading]:
     """Yield the valid messages of the sensors in the order in which they were sent."""
     sent = []
     for name in TOPICS:

@@ -88,7 +88,7 @@ class Memory(NamedTuple):
     believed: float  # friction coefficient
     actuators: ActuatorState = ActuatorState()
     tracks: Tracks = Tracks()
-    planned_line: tuple[int, np.ndarray] | None = None  # of the last plan: stamp, points [m, map]
+    planned_line: tuple[int, np.ndarray] | None = None  # of the last plan: ns; m, map
     known: VehicleState | None = None  # the last state that was finite
     is_too_slow: bool = False
     slid: bool = False  # whether the car slid in the last tick

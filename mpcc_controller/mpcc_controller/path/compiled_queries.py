@@ -41,7 +41,7 @@ def call(name: str, *arguments: np.ndarray | float):
     """Return what a query returns; arrays, of `row`, are passed by their addresses."""
     try:  # takes a third of the time of the attribute `ctypes`, 30 times per tick
         given = [START.from_buffer(a) if type(a) is np.ndarray else a for a in arguments]
-    except TypeError:  # an array that is not to be changed
+    except TypeError:  # an array that is read-only
         given = [a.ctypes.data if type(a) is np.ndarray else a for a in arguments]
     return getattr(library(), name)(*given)
 

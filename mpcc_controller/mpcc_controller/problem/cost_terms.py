@@ -167,7 +167,7 @@ TIME_GAP = CostTerm(
     optional=True,
     limit='time_gap_s',
 )
-# of every formulation: its inputs, and a car that is too slow
+# of every formulation: inputs, jerk, and a car that is too slow
 COMMON = (
     CostTerm('d_delta', 'tolerances.steer_rate_radps', lambda q: q.u.d_delta**2, uses_input=True),
     CostTerm('d_Fx', 'tolerances.force_rate_nps', lambda q: q.u.d_Fx**2, uses_input=True),

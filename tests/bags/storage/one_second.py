@@ -63,7 +63,7 @@ def every_message():
             for k, ns in enumerate(steps[::10])
         ],
         '/sensors/inertial': [
-            types.Imu(ns, 0.2 * k, -0.1 * k, 0.4) for k, ns in enumerate(steps[::10])
+            types.Inertial(ns, 0.2 * k, -0.1 * k, 0.4) for k, ns in enumerate(steps[::10])
         ],
         '/sensors/chassis': [types.Chassis(ns, 0.01 * k, FOUR) for k, ns in enumerate(steps[::10])],
         '/sensors/gnss': [

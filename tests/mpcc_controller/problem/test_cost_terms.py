@@ -135,6 +135,7 @@ ENVELOPE = {
 
 
 OPTIONAL = [term for term in cost_terms.MPCC if term.optional and not term.switch]
+LIMITS = {**{name: name for name in ENVELOPE}, 'time_gap': 'time_gap_s', 'jerk': ''}
 
 
 @pytest.mark.parametrize('term', OPTIONAL, ids=lambda term: term.name)
@@ -144,6 +145,7 @@ def test_an_optional_term_is_in_the_problem_where_its_tolerance_is(pose, term):
     assert {t.name for t in more.terms} - {t.name for t in paper.terms} == {term.name}
     assert paper.template.envelope == ()
     limits = (term.limit,) if term.limit else ()
+    assert term.limit == LIMITS.get(term.name, term.limit)
     assert more.template.envelope._fields == limits
 
 
