@@ -18,7 +18,7 @@ ASPECTS = ('place', 'heading', 'speed', 'sideslip', 'yaw rate', *AROUND)
 TICKS = 4  # of a scene, in which the car goes on as it moves
 TICK_S = 0.05
 S = np.arange(0.0, 200.0, 5.0)  # m, along the path
-MAX_SPEED, MAX_SIDE_SPEED, MAX_YAW_RATE = 110.0, 55.0, 9.0  # of the contract: 120, 60, 10
+MAX_SPEED, MAX_SIDE_SPEED, MAX_YAW_RATE = 110.0, 55.0, 9.0  # of the contract: 120, 120, 20
 COUNTS = (0, 1, 2, 4, 5, 12, 150)  # of obstacles; each is two markers at most
 
 
