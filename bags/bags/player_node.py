@@ -70,9 +70,10 @@ def build_playlist(
     """Return the messages of a part; each topic keeps its order, topics are merged by log time.
 
     It begins `start_s` after the first message and lasts `duration_s` of the bag, 0: to the end;
-    no `topics` are all of them. Of a latched topic the last message before the part is sent at its
-    start. A part without messages of /clock gets some, `clock_hz` per second of the bag, unless
-    that is 0. Raises BagError for a topic that is not in the bag, and for a part without messages.
+    no `topics`: all but those of nodes. Of a latched topic the last message before the part is sent
+    at its start. A part without messages of /clock gets some, `clock_hz` per second of the bag,
+    unless that is 0. Raises BagError for a topic that is not in the bag, and for a part without
+    messages.
     """
     present = {name: r for name, r in bag.recordings.items() if r.payloads}
     for name in topics:

@@ -105,7 +105,7 @@ class Envelope(Struct):
 
 
 class Priorities(Struct):
-    """The largest weights P_k of the distances to obstacles and road edges."""
+    """Weights P_k of distances to obstacles and edges: the largest, or before contact (`step`)."""
 
     obstacle: Annotated[float, Range(0.0, 1e6, '1/m^2')]  # of obstacles; 0: they are not avoided
     edge: Annotated[float, Range(0.0, 1e6, '1/m^2')]  # of road edges; 0: they are not avoided

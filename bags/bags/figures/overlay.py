@@ -7,7 +7,7 @@ The first row names the columns, in any order:
     any column of SIGNALS
 
 At least one of time_s, station_m, or both x_m and y_m; and anything to draw. An empty cell is a
-gap; lines that begin with # are comments.
+gap, but for x_m and y_m; lines that begin with # are comments.
 """
 
 import csv

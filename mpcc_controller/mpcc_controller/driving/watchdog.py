@@ -1,7 +1,8 @@
 """Watchdog of the controller: the ages of its inputs, and its health on /diagnostics. Times in ns.
 
-In realtime inputs age; one that is too old makes the car brake. In lockstep simulated time waits
-for every input, so none ages. Missed ticks are counted from the bag (`bags timing`), not here.
+In realtime inputs age; one that is too old makes the car brake, a state once the last plan has
+ended. In lockstep simulated time waits for every input, so none ages. Missed ticks are counted from
+the bag (`bags timing`), not here.
 """
 
 from collections import Counter
