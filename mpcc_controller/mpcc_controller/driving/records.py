@@ -57,7 +57,7 @@ class TickRecord(NamedTuple):
     """Everything that one step decided. The command is complete; `TickReporter` explains it."""
 
     inputs: TickInputs
-    command: Command  # as it is sent; `gate_reason`, `decision`: what it has passed
+    command: Command  # as it is sent; after an internal error not through the gate
     decision: Decision
     effective_ns: int  # when the command takes effect
     state: VehicleState  # predicted to then

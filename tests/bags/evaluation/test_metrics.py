@@ -177,6 +177,7 @@ NONE = (
 )
 def test_distances_and_what_has_no_meaning(drive, expected):
     result = metrics.compute_metrics(drive)
+    assert list(result) == [*metrics.METRICS]
     assert [name for name in result if name in KEYS.split()] == KEYS.split()
     assert json.loads(json.dumps(result, allow_nan=False)) == result
     assert {name: result[name] for name in expected} == expected

@@ -26,7 +26,7 @@ pytestmark = pytest.mark.usefixtures('domain')
 TIMEOUT_S = 90.0
 STATE, COMMAND = '/vehicle/odometry', '/controller/command'
 # recording a message takes at most so often what rclpy takes to read a state (1.2 were measured)
-READS, MOST_READS = 1000, 1.6
+READS, MOST_READS = 1000, 1.4
 WALL_NS = 1_700_000_000 * 10**9
 
 
