@@ -175,7 +175,9 @@ side_by_side: setup $(VENV)/.tests
 nightly: setup $(VENV)/.tests
 	failed=0; \
 	  CHANGED_SINCE= $(PYTEST) -m 'nightly or reads' tests/faults tests/ros || failed=1; \
-	  CHANGED_SINCE= $(PARALLEL) -m 'nightly or reads' --ignore=tests/faults --ignore=tests/ros || failed=1; \
+	  CHANGED_SINCE= $(PYTEST) -m 'reads and alone' tests/docs/test_pages.py || failed=1; \
+	  CHANGED_SINCE= $(PARALLEL) -m '(nightly or reads) and not alone' \
+	    --ignore=tests/faults --ignore=tests/ros || failed=1; \
 	  exit $$failed
 
 bench: setup $(VENV)/.tests

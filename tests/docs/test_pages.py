@@ -43,6 +43,7 @@ PAGES = [*LESSONS, *GUIDES]
 # and what that imports, a node, a file of a scenario or of parameters, a module of its Python. It
 # always runs those with `quick`.
 ABOUT = re.compile(r'<!-- page: (.+?) -->')
+ON_THE_WALL_CLOCK = '<!-- on the wall clock -->'
 COMMAND = re.compile(r'\b(bags|experiments) ([a-z]+(?:-[a-z]+)?)\b')
 IMPORT = re.compile(r'^ *(?:from|import) ([\w.]+)(?: import (\([^)]*\)|.*))?', re.MULTILINE)
 WORD = re.compile(r'[a-z]\w{2,}')
@@ -65,8 +66,8 @@ ONLY_THE_READER = {
 }
 # as the command does it where `launch` is installed, and with its stand-in elsewhere
 ROS2_LAUNCH = """#!/bin/sh
-test "$1 $2" = 'launch experiments' && file={launch_files}/$3 && shift 3 &&
-exec {python} {runner} $file "$@"
+test "$1 $2" = 'launch experiments' && file={}/$3 && shift 3 &&
+exec {} {} $file "$@"
 """
 # what pip does after a change, PYTHONPATH does here; a run takes a free domain, as in the terminal
 # of a reader, where that of the other terminals is not set; `make demo` runs its recipe on the
@@ -127,6 +128,8 @@ def each(pages):
         if 'quick' not in words:
             marks = [pytest.mark.ros if 'nodes' in words else pytest.mark.slow]
             marks += [pytest.mark.reads(*names_of(page))]
+            # beside other tests its nodes are late, and the car stops
+            marks += [pytest.mark.alone] if ON_THE_WALL_CLOCK in page.read_text() else []
         parameters.append(pytest.param(page, id=page.relative_to(ROOT).as_posix(), marks=marks))
     return pytest.mark.parametrize('page', parameters)
 
@@ -158,10 +161,7 @@ def give_launch(folder):
     (folder / 'bin').mkdir()
     ros2 = folder / 'bin/ros2'
     runner = ROOT / 'tests/experiments/run/run_launch_file.py'
-    launch_files = share.path('experiments', 'launch')
-    ros2.write_text(
-        ROS2_LAUNCH.format(launch_files=launch_files, python=sys.executable, runner=runner)
-    )
+    ros2.write_text(ROS2_LAUNCH.format(share.path('experiments', 'launch'), sys.executable, runner))
     ros2.chmod(0o755)
     return ros2.parent
 
@@ -243,7 +243,7 @@ FAILS_AT_THE_END = 'sh -c "trap \'exit 3\' INT; echo up; while :; do sleep 0.1; 
         ('~~~sh\nfalse | cat\n~~~\n', 'exit code 1 of'),
         ('~~~sh\nfalse\ntrue\n~~~\n', 'exit code 1 of'),
         ('<!-- exit code: 1 -->\n~~~sh\ntrue\n~~~\n', 'exit code 0 of'),
-        ('<!-- on the wall clock -->\n~~~sh\nexit 2\n~~~\n', 'exit code 2 of'),
+        (f'{ON_THE_WALL_CLOCK}\n~~~sh\nexit 2\n~~~\n', 'exit code 2 of'),
         (f'<!-- terminal -->\n~~~sh\n{FAILS_AT_THE_END}\n~~~\n~~~text\nup\n~~~\n', 'exit code 3'),
         ('~~~sh\ncd /\nX=a\n~~~\n~~~sh\necho $X $PWD\n~~~\n~~~text\nb ...\n~~~\n', 'no line .b'),
         ('~~~python\nx = 0\n~~~\n~~~python\n1 / x\n~~~\n', 'ZeroDivisionError'),

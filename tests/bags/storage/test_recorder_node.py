@@ -26,7 +26,7 @@ pytestmark = pytest.mark.usefixtures('domain')
 TIMEOUT_S = 90.0
 STATE, COMMAND = '/vehicle/odometry', '/controller/command'
 # recording a message takes at most so often what rclpy takes to read a state (1.2 were measured)
-READS, MOST_READS = 1000, 1.4
+READS, MOST_READS = 1000, 1.6
 WALL_NS = 1_700_000_000 * 10**9
 
 
@@ -115,6 +115,7 @@ def test_realtime_files_messages_under_their_arrival(tmp_path, start_pair, messa
     assert (state.log_ns <= after_ns + 10**8).all()
 
 
+@pytest.mark.alone
 def test_recording_a_message_takes_little_more_than_to_read_one(tmp_path, start_pair, messages):
     recorder, ring = start_pair(tmp_path / 'bag', split_s=1.6)
     state = ros.serialize(encode.odometry(messages[STATE][0]))
@@ -137,7 +138,6 @@ def test_recording_a_message_takes_little_more_than_to_read_one(tmp_path, start_
     seconds = [second() for _ in range(4)]
     assert recorder.end()[0] == 0
     assert sum(counts(tmp_path / 'bag').values()) == 5 * seconds[0][0]
-    # into several files, as was asked for
     assert len(list((tmp_path / 'bag').glob('bag_*.mcap'))) >= 3
     # what else the machine does makes work dearer, never cheaper
     timer = timeit.Timer(lambda: ros.deserialize(STATE, state), timer=time.process_time)
