@@ -87,13 +87,14 @@ def build_playlist(
     last_ns = max(int(t[-1]) for t in times)
     if duration_s:
         last_ns = min(last_ns, first_ns + round(duration_s * NS_PER_S))
-    rows = []
+    rows, is_empty = [], True
     for recorded, t in zip(selected, times):
         begin, end = np.searchsorted(t, [first_ns, last_ns + 1]).tolist()
         # a late subscriber gets the last message before the part
         is_latched = any(q.durability == 'transient_local' for q in parse_qos(recorded.topic.qos))
         rows.append(np.arange(begin - (begin > 0 and is_latched), max(begin, end)))
-    if not sum(map(len, rows)):
+        is_empty &= end <= begin
+    if is_empty:
         raise BagError(f'{bag.path}: no message from {start_s:g} s on; nothing to play')
     due = [np.maximum(t[i] - first_ns, 0) for t, i in zip(times, rows)]
     payloads = [data for r, i in zip(selected, rows) for data in map(r.payloads.__getitem__, i)]

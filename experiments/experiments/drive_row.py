@@ -107,7 +107,7 @@ class Row(NamedTuple):
         scene = self.draw
         is_file = scene is None and Path(self.scenario).suffix
         return {
-            'scenario': scenario.load(self.scenario).name if is_file else self.scenario,
+            'scenario': _scenario_of_file(self.scenario).name if is_file else self.scenario,
             'family': scene and scene.family,
             'difficulty': scene and scene.difficulty,
             'seed': scene and scene.seed,
@@ -199,6 +199,8 @@ def prepare(row: Row, any_car: bool = False, written: Callable[[str], str] = '{}
         start=start._replace(speed=speed) if start.speed else start,
         reference=reference._replace(t=reference.t * (base / speed)),
     )
+    friction = tuple(row.offset.grip * value for value in scn.patches.friction)
+    scn = scn._replace(patches=scn.patches._replace(friction=friction))
     return setup._replace(scn=scn, friction=setup.friction * row.offset.grip)
 
 
@@ -245,18 +247,22 @@ def _text(name_or_path):
     return inputs.load_scenario(name_or_path).text
 
 
+_scenario_of_file = cache(scenario.load)
+
+
 def forget_files() -> None:
     """Let the next keys read files again, which may have changed."""
     _files.cache_clear()
     _text.cache_clear()
+    _scenario_of_file.cache_clear()
 
 
 def drive(setup: Setup) -> dict[str, Any]:
     """Simulate once; return the results of the drive by dotted name, ready for JSON.
 
     These are the metrics under their names in comparison.json, `verdict` among them, the record of
-    the solver (`solver.*`), the friction of the road, and the wall and processor time [s] of the
-    drive and its evaluation.
+    the solver (`solver.*`), the friction of the scenario, and the wall and processor time [s] of
+    the drive and its evaluation.
     """
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     columns = simulation.run(setup, explain=False)

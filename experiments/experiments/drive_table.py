@@ -197,8 +197,9 @@ def compare(
 
     A row per group of the columns `by`: `pairs` (of drives that both have a value in), `mean` with
     its bootstrap interval `low` to `high`, `median`, and how often it is `greater` and `less`. A
-    metric that is true or false counts 1 and 0: the mean is the difference of the shares. Raises
-    BagError for controllers without a drive, and where none can be paired.
+    metric that is true or false counts 1 and 0: `mean` is the difference of the shares where every
+    unit (`units`) has as many pairs, for it is the mean of their means. Raises BagError for
+    controllers without a drive, and where none can be paired.
     """
     table.column(CONTROLLER, '--pair')
     grouped = table._replace(rows=table.rows.assign(_value=table.metric(metric).astype(float)))

@@ -211,5 +211,5 @@ def families_below(rows: Rows, share: float) -> list[str]:
     return [
         f'{controller} in {family}: {survived}/{driven}'
         for (family, controller), (survived, driven) in counts(rows).items()
-        if family != ALL and driven and survived < share * driven
+        if family != ALL and driven and survived / driven < share
     ]

@@ -159,9 +159,10 @@ def run_rows(
         if records.damaged:
             text = f'{records.path}: {records.damaged} damaged records are simulated again'
             print_text(pool.progress.console, text)
-        keys = []
+        keys, described = [], []
         for row in rows:
             keys.append(drive_row.key(row))
+            described.append(row.columns())
             pool.progress.show('drawn', len(keys), len(rows))
         kept = sum(key in records for key in keys)
         # what a process prepared for a controller serves its next rows
@@ -172,8 +173,8 @@ def run_rows(
         except KeyboardInterrupt:
             interrupted = True
         ended_rows = [
-            (row.columns(), errors.get(key, ''), json.loads(records.get(key, '{}')))
-            for key, row in zip(keys, rows)
+            (columns, errors.get(key, ''), json.loads(records.get(key, '{}')))
+            for key, columns in zip(keys, described)
             if key in records or key in errors
         ]
     lines = _lines(ended_rows)

@@ -84,7 +84,7 @@ def test_bag_without_a_clock_is_given_one_that_ticks_before_the_messages(make_ba
 )
 def test_a_part_that_is_not_there_is_refused(make_bag, part, why):
     with pytest.raises(BagError, match=why):
-        build_playlist(make_bag(ABC), **part)
+        build_playlist(make_bag(ABC | {'/map': [0]}), **part)
 
 
 PAUSE, RESUME = (2, 'toggle'), (100, 'toggle')

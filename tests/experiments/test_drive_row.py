@@ -29,6 +29,11 @@ def test_an_offset_changes_speed_and_grip_of_any_row_alike():
         driven = simulation.prepare(what, controller, speed_mps=speed_mps).scn
         assert setup.scn.start == pytest.approx(driven.start)
         assert setup.scn.reference.t == pytest.approx(driven.reference.t)
+    dry, less = (
+        drive_row.prepare(Row('split_mu:0', 'mpcc', offset=o)).scn.patches.friction
+        for o in (NOMINAL, Offset(0.0, 0.98))
+    )
+    assert [value / before for value, before in zip(less, dry)] == pytest.approx([0.98])
 
 
 @pytest.mark.parametrize(

@@ -101,6 +101,8 @@ def test_drives_are_counted_by_family_and_controller_and_failed_ones_left_out():
     ]
     assert emergencies.families_below(rows, 0.5) == []
     assert emergencies.families_below(rows, 0.51) == ['mpcc in pop_up: 1/2']
+    # as floats 0.55 times 100 is more than 55
+    assert emergencies.families_below([row()] * 55 + [row(survived=False)] * 45, 0.55) == []
 
 
 def test_the_documentation_has_every_family_entry_and_number():
@@ -120,7 +122,7 @@ def test_the_documentation_has_every_family_entry_and_number():
         f'and {feasibility.CLEARANCE:g} m',
         f'further than {survival.SHOULDER_M:g} m off the road',
         f'above {survival.SLIDING_FROM_MPS:g} m/s',
-        f'from {library.SEED} on**, which is the default',
+        f'from {library.DRAWN["seed"]} on**, which is the default',
     ):
         assert words in ' '.join(text.split())
 

@@ -41,10 +41,12 @@ def run_arguments(scenario: str, *controllers: str) -> list[str]:
 
 def run_experiment(folder: Path, scenario: str, *controllers: str) -> None:
     """Drive a scenario through the node graph in a free ROS domain; the runs must complete."""
+    environment = os.environ | {'COLUMNS': '120'}  # of the pages of the documentation
+    environment.pop('ROS_DOMAIN_ID', None)  # it may be reserved for the module of the first test
     result = subprocess.run(
         [EXPERIMENTS, *run_arguments(scenario, *controllers)],
         cwd=folder,
-        env=os.environ | {'COLUMNS': '120'},  # of the pages of the documentation
+        env=environment,
         capture_output=True,
         text=True,
         timeout=SECONDS,

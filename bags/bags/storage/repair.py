@@ -83,7 +83,7 @@ def repair_bag(path: Path | str) -> Repair:
     information = build_metadata(described, [file.facts for file in repaired])
     counts = sum((file.facts.counts for file in repaired), Counter())
     folder, wrote_metadata = files[0].parent, False
-    if Path(path).is_dir() or information['relative_file_paths'] == [mcap_name(folder)]:
+    if Path(path).is_dir() or [*folder.glob('*.mcap')] == [folder / mcap_name(folder)]:
         try:
             written = yaml.safe_load((folder / METADATA).read_text(encoding='utf-8'))[INFORMATION]
             wrote_metadata = any(written[key] != information[key] for key in COMPARED)

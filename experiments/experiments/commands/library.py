@@ -37,8 +37,9 @@ EXIT_CODES = {
     1: 'a drive has no result, an expectation of an entry is not met, or a family survives '
     'less than --at-least'
 }
-DRAWS, SEED, LIMIT_S = 100, 1000, 300.0
+LIMIT_S = 300.0
 DIFFICULTIES = ('nominal', 'hard')
+DRAWN = {'draws': 100, 'first': 0, 'seed': 1000, 'difficulty': DIFFICULTIES[0]}  # unless told
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,14 +53,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument('--entries', action='store_true', help=text)
     add_list(parser, '--family', 'a family', 'all of them', metavar='F')
     add_list(parser, '--entry', 'with --entries: one of them', 'all of them', metavar='E')
-    text = f'draws per family (default: {DRAWS})'
-    parser.add_argument('--draws', type=positive_count, default=DRAWS, metavar='N', help=text)
-    text = 'the first draw (default: 0)'
-    parser.add_argument('--first', type=count, default=0, metavar='INDEX', help=text)
-    text = f'of the draws; tune below 1000, judge from 1000 on (default: {SEED})'
-    parser.add_argument('--seed', type=count, default=SEED, metavar='S', help=text)
-    text, nominal = '(default: nominal)', DIFFICULTIES[0]
-    parser.add_argument('--difficulty', choices=DIFFICULTIES, default=nominal, help=text)
+    parser.set_defaults(**DRAWN)
+    text = 'draws per family (default: %(default)s)'
+    parser.add_argument('--draws', type=positive_count, metavar='N', help=text)
+    text = 'the first draw (default: %(default)s)'
+    parser.add_argument('--first', type=count, metavar='INDEX', help=text)
+    text = 'of the draws; tune below 1000, judge from 1000 on (default: %(default)s)'
+    parser.add_argument('--seed', type=count, metavar='S', help=text)
+    parser.add_argument('--difficulty', choices=DIFFICULTIES, help='(default: %(default)s)')
     text = 'a name in mpcc_controller/config, or a YAML file'
     add_list(parser, '--controller', text, 'mpcc_road', metavar='C')
     text = 'set a parameter of plant or controller'
@@ -83,5 +84,8 @@ def run(options: argparse.Namespace) -> int:
         raise BagError('--out is missing: the folder, or the file of --draw, that is written')
     if options.draw:
         return library.write_draw(options, console)
+    for name in ('draws', 'first', 'seed', 'difficulty') if options.entries else ():
+        if getattr(options, name) != DRAWN[name]:
+            raise BagError(f'--{name}: has no effect with --entries; leave one of both out')
     families, entries = library.choose(options.family, options.entries, options.entry)
     return library.run(options, families, entries, console)

@@ -6,12 +6,13 @@ from pathlib import Path
 from rich.console import Console
 
 from bags.command_line import add_out, print_paths, print_text
-from experiments.commands import add_workers
+from experiments.commands import add_workers, number
 
 HELP = 'tune the weights of a controller'
 EXAMPLE = 'experiments tune mpcc --out /tmp/tuning'
 OUT = Path('build', 'tuning')
 SEED = 1
+SEEDS = number(int, 'from 0 to 4294967295', 0, 2**32 - 1)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,9 +20,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('controller', metavar='CONTROLLER', help='a name, or a YAML file')
     text = 'with the plan that has ranges, cost and budget (default: paper/study)'
     parser.add_argument('--plan', type=Path, metavar='DIR', help=text)
-    parser.add_argument('--seed', type=int, default=SEED, help=f'of the search (default: {SEED})')
+    parser.add_argument('--seed', type=SEEDS, default=SEED, help=f'of the search (default: {SEED})')
     add_workers(parser, 'the result')
-    add_out(parser, OUT, '<controller>/; a search in that folder is continued')
+    text = '<controller>/; a search of this seed is continued, the result of another one replaced'
+    add_out(parser, OUT, text)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -64,7 +64,7 @@ def run(request: Request, console: Console) -> int:
     folder, outcomes = run_controllers(request, console)
     bags = _kept_bags(outcomes)
     _show_earlier_runs(outcomes, request.overwrite, console)
-    completed = [outcome.completed for outcome in outcomes]
+    is_well = all(outcome.completed for outcome in outcomes)
     if bags:
         _begin_import().join()
         from bags.report.comparison import compare_bags, show_comparison
@@ -80,7 +80,9 @@ def run(request: Request, console: Console) -> int:
         for text in describe_other_plants(paths):
             console.print('[yellow]warning:[/] ', end='')
             print_text(console, text)
-        runs = compared.values['runs']
+        # in order, and first; those that they are compared with have had their own exit code
+        names = (outcome.controller for outcome in outcomes if outcome.bag)
+        runs = dict(zip(names, compared.values['runs'].values()))
         programs = {controller.run_name for controller in controllers if controller.program}
         _explain(outcomes, programs, runs, console)
         if scn.expect:
@@ -93,8 +95,8 @@ def run(request: Request, console: Console) -> int:
             console.print(pass_criteria.build_table(judged))
             is_met = all(outcome.is_met for _, outcome in judged)
             return 0 if is_met and len(runs) == len(outcomes) else 1
-        completed += [run['completed'] for run in runs.values()]
-    return 0 if all(completed) else 1
+        is_well = is_well and all(run['completed'] for run in runs.values())
+    return 0 if is_well else 1
 
 
 def _read(request):

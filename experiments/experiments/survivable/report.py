@@ -42,8 +42,9 @@ DRIVERS = ('mpcc', 'mpcc_road')
 RESULTS = ('error', 'survived', 'lost_by', 'verdict')
 COLUMNS = ('scenario', 'family', 'difficulty', 'seed', 'draw', 'controller', *RESULTS)
 OFFSET = {name: f'offset.{name}' for name in Offset._fields}
-CONTROLLER = 'controller.'
-SETTINGS = (CONTROLLER, 'plant.', 'scenario.')  # begin the names of their columns
+# begin the names of columns of settings: what tells controllers apart, and all
+CONTROLLERS = 'controller.', 'estimator.'
+SETTINGS = (*CONTROLLERS, 'plant.', 'scenario.')
 # of a verdict, and of the search that gave it: an answer of another one is no answer
 ANSWERED = ('answer', *(f'answer_{what}' for what in ('budget', 'preview', 'version')))
 ANSWER, BUDGET, PREVIEW, VERSION = ANSWERED
@@ -210,11 +211,11 @@ def read_drives(places: Sequence[Path]) -> pandas.DataFrame:
 
 def _read(row: Mapping[str, Any], settings):
     given = {name: row[name] for name in settings if row[name] is not None}
-    own = [f'{name}={value}' for name, value in given.items() if name.startswith(CONTROLLER)]
+    own = [f'{name}={value}' for name, value in given.items() if name.startswith(CONTROLLERS)]
     plant = tuple(
         (name, tuple(value) if isinstance(value, list) else value)
         for name, value in given.items()
-        if not name.startswith(CONTROLLER)
+        if not name.startswith(CONTROLLERS)
     )
     offset = Offset(**{name: row[full] for name, full in OFFSET.items() if full in row})
     drawn = row['seed'] or 0, row['difficulty'] or NOMINAL
@@ -236,8 +237,9 @@ def write_table(drives: pandas.DataFrame, file: Path) -> None:
 def _key(draw, budget, preview):
     """Return the SHA-256 of what decides a verdict; not the code: what survived stays a proof."""
     setup = drive_row.prepare(draw._replace(controller=DRIVERS[0]), any_car=True)
-    content = [SEARCH_VERSION, setup.scn.text, repr(setup.plant), setup.friction, budget, preview]
-    return hashlib.sha256(json.dumps([*content, draw.offset]).encode()).hexdigest()
+    car = setup.plant, setup.friction, setup.faults, setup.sensors, setup.sensors_seed
+    content = [SEARCH_VERSION, setup.scn.text, repr(car), budget, preview, draw.offset]
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
 def verdict(draw: Row, budget: int, preview: bool) -> str:

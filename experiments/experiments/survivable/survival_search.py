@@ -36,7 +36,7 @@ from vehicle_plant.simulator import TICK_NS
 from vehicle_plant.suspension import wheel_corners
 
 POSSIBLE, IMPOSSIBLE, UNDECIDED = 'possible', 'impossible', 'undecided'
-SEARCH_VERSION = 2  # counts up where verdicts of before are no longer those of today
+SEARCH_VERSION = 3  # counts up where verdicts of before are no longer those of today
 BUDGET = 600  # rollouts of the search, those of the MPCC included
 STARTS = 3  # approaches around which manoeuvres are searched
 KNOT_S, BRAKE_KNOT_S = 0.5, 0.6  # between knots of the path and of the braking

@@ -282,11 +282,15 @@ def test_a_registered_metric_is_everywhere(undrawn, tmp_path, capsys):
     assert all(metric.meaning for metric in registry.METRICS.values())
 
 
+@pytest.mark.parametrize('earlier', [(), (0.0,), (0.1,)])
 @pytest.mark.parametrize(('slope', 'code'), [(0.1, 1), (0.0, 0)])
 def test_experiments_run_says_why_it_fails_where_only_the_verdict_is_the_reason(
-    undrawn, write_bag, tmp_path, monkeypatch, slope, code
+    undrawn, write_bag, tmp_path, monkeypatch, slope, code, earlier
 ):
     bag = write_bag(drive_of(y=lambda x: x * slope))
+    # with which it is compared: how they ended changes nothing
+    others = [write_bag(drive_of(y=lambda x, k=k: x * k), 'other') for k in earlier]
+    monkeypatch.setattr(run_and_compare, 'find_earlier', lambda *given: others)
     # as the plant sees it: its finish line goes on beside the road
     outcome = node_graph.RunOutcome('mpcc', True, 'finish line crossed', bag)
     monkeypatch.setattr(

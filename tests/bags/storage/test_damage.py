@@ -368,6 +368,7 @@ def test_damage_in_a_file_ends_a_split_bag_there_and_repair_mends_that_file_only
     with Reader(copied) as reader:
         assert reader.message_count == sum(done.messages.values())
     assert repair.repair_bag(copied).intact
+    assert repair.repair_bag(copied / 'bag_0.mcap').intact
 
 
 def test_missing_file_ends_a_split_bag_there(copied):

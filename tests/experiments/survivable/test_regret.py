@@ -13,9 +13,11 @@ from rich.console import Console
 
 from bags.errors import BagError
 from experiments import cli, row_runner
+from experiments.drive_row import Row
 from experiments.survivable import report
 from experiments.survivable.survival_search import POSSIBLE
 
+FAULTS = ('plant.faults.front_force_share', 0.5), ('plant.sensors', 'sensors_consumer.yaml')
 AFTER = ('error', 'survived', 'lost_by', 'verdict')
 
 
@@ -99,13 +101,14 @@ def test_the_p_value_is_that_of_a_fair_coin():
     assert report.pair_cells(5, 0, 0, 5)[-1] == '1'
 
 
-def test_drives_of_other_settings_are_neither_mixed_nor_paired_with_themselves(tmp_path):
+@pytest.mark.parametrize('name', ['controller.limits.drive_n', 'estimator.fix_s'])
+def test_drives_of_other_settings_are_neither_mixed_nor_paired_with_themselves(tmp_path, name):
     """Without the settings in the key the later table would replace the rows of the first."""
-    faster = {'controller.limits.drive_n': 3000.0}
+    faster = {name: 3000.0}
     plain = written(tmp_path / 'a', *(row(i, 'mpcc', i < 4) for i in range(4)))
     other = written(tmp_path / 'b', *(row(i, 'mpcc', i < 1, **faster) for i in range(4)))
     text = shown(plain, other)
-    assert 'mpcc controller.limits.drive_n=3000.0' in text
+    assert f'mpcc {name}=3000.0' in text
     assert '4/4 100%' in text
     assert '1/4 25%' in text
     assert '+75.0%' in text
@@ -135,6 +138,12 @@ def test_a_draw_of_another_plant_is_another_draw_and_searched_with_that_plant(tm
     on_ice = written(tmp_path / 'c', row(1, 'mpcc', False, **ice))
     # dry the same search finds a way: see above
     assert 'possible: pop_up:1 mpcc' not in shown(on_ice, budget=20)
+
+
+def test_a_verdict_is_that_of_a_car_with_the_same_faults_and_sensors():
+    sound = Row('pop_up:2', '')
+    cars = [sound, *(sound._replace(settings=(pair,)) for pair in FAULTS)]
+    assert len({report._key(car, 20, False) for car in cars}) == len(cars)
 
 
 def test_an_unknown_base_is_named(tmp_path):
