@@ -122,18 +122,19 @@ class ControllerInputs:
         A first state that nobody publishes actuators for is answered after a second without them;
         as late those are not compared any more that do not come with the states.
         """
-        raw, trigger, now_ns = self.newest_actuators.take(), self._trigger, self._wall.now_ns()
+        newest, trigger, now_ns = self.newest_actuators, self._trigger, self._wall.now_ns()
+        raw = newest.take()
         if raw is not None:
             # after a message that cannot be read the next one follows within a millisecond
             with suppress(decode.DecodeError):
                 trigger.actuators = decode.stamp_ns_of(raw)
                 self.actuators = raw
-        elif self.state is None or self.actuators or self.newest_actuators.has_publisher():
+        elif trigger.state is None or not trigger.needs_actuators or newest.has_publisher():
             self._alone_since_ns = None
         else:
             self._alone_since_ns = self._alone_since_ns or now_ns
             if now_ns - self._alone_since_ns > ALONE_NS:
-                trigger.actuators = trigger.state
+                trigger.actuators, self.actuators = trigger.state, None
         if not trigger.waits_for_actuators:
             self._waits_since_ns = None
             return
@@ -166,8 +167,8 @@ class ControllerInputs:
         Of a car that publishes none: where the last command put them, at the start at rest.
         """
         if self.actuators is None:
-            last = self._controller.memory.last
-            return Actuators(last.stamp_ns, last.delta, 0.0, last.Fxf, last.Fxr, NO_TORQUES)
+            last, stamp_ns = self._controller.memory.last, decode.stamp_ns_of(self.state)
+            return Actuators(stamp_ns, last.delta, 0.0, last.Fxf, last.Fxr, NO_TORQUES)
         actuators = self._read_actuators('waiting for valid ones to start from')
         if actuators is None:
             self.actuators = None

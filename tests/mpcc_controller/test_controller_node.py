@@ -163,6 +163,26 @@ def test_actuators_that_do_not_follow_are_logged_once_per_change(lockstep, world
     assert 'steer' in health.values['actuators.fault']
 
 
+def test_a_restart_does_not_wait_for_actuators_that_nobody_publishes_any_more(
+    realtime, world, monkeypatch
+):
+    node = realtime.node
+    node.is_warm = True
+    realtime.send_road(world.lane_change())
+    realtime.tick(0)
+    realtime.node.on_timer()
+    assert len(realtime.commands) == 1
+    monkeypatch.setattr(node.inputs.newest_actuators, 'has_publisher', lambda: False)
+    node.trigger.on_lost(START)
+    for k in range(1, 30):
+        realtime.now_ns = START + k * TICK
+        realtime.send_road(world.lane_change(), realtime.now_ns)
+        realtime.send_obstacles(realtime.now_ns)
+        realtime.send_state(realtime.now_ns, float(k))
+    assert len(realtime.commands) > 5
+    assert len(realtime.logged('nobody publishes')) == 1
+
+
 def test_speeds_up_to_the_least_speed_cause_one_warning_per_path_and_car(lockstep, world):
     def warnings_of(speed, shift_m=0.0):
         lockstep.lines.clear()

@@ -118,6 +118,9 @@ def test_no_change_weakens_the_braking_without_a_plan(params, controller, world)
         assert not controller.memory.rejections
     assert stops[:20] == stops[20:]
     assert stops[-1].Fxf + stops[-1].Fxr < -14000.0
+    # plans begin there, and come back within the limit
+    values = world.tick(controller, world.rolling(X=40, stamp_ns=20 * 50_000_000))[2].values
+    assert values['rung'] == 'solved'
 
 
 def test_a_share_of_the_brakes_is_refused_where_the_split_is_free(world):

@@ -138,7 +138,9 @@ class Controller:
     def reset(self, actuators: Actuators, resumed: bool = False) -> None:
         """Restart with the set-points where the actuators are, within their limits.
 
-        `resumed`: after a pause, which the report of the next step says.
+        What is known of the road and of obstacles stays where the drive goes on, after states that
+        were missing; not in one that begins, nor after a pause (`resumed`), which the report of the
+        next step says.
         """
         limits, force = self.params.limits, actuators.Fxf + actuators.Fxr
         share = np.clip(force, -limits.brake_n, limits.drive_n) / force if force else 0.0
@@ -151,10 +153,15 @@ class Controller:
             Fxf=float(share * actuators.Fxf),
             Fxr=float(share * actuators.Fxr),
         )
+        before = self.memory
+        since_ns = actuators.stamp_ns - before.last.stamp_ns
+        goes_on = since_ns > -self.params.model.step_s * conversions.NS_PER_S and not resumed
+        kept = ('friction', 'believed', 'tracks') if before.known and goes_on else ()
         self.memory = self._begin(held)._replace(
+            **{name: getattr(before, name) for name in kept},
             actuators=ActuatorState(start=actuators),
-            computing_s=self.memory.computing_s,
-            rejections=self.memory.rejections,
+            computing_s=before.computing_s,
+            rejections=before.rejections,
             resumed=resumed,
         )
 

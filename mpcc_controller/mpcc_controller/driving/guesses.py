@@ -18,7 +18,7 @@ from stage_solver.stage_problem import Plan
 
 SLOW = 1.0  # m/s; slower, a steady cornering guess has no meaning
 RETURN_TIME_S = 1.0  # at least, from an obstacle back to the path
-THETA = State._fields.index('theta')
+PSI, THETA = (State._fields.index(name) for name in ('psi', 'theta'))
 
 
 def from_path(path: ReferencePath, x0: State, car: Car, horizon: int, dt: float) -> Plan:
@@ -72,12 +72,17 @@ def from_recovery(
 
 
 def start_at(plan: Plan, x0: State) -> Plan:
-    """Return the plan with `x0` as its first state and theta counted from that of x0.
+    """Return the plan with `x0` as its first state, theta and turns of psi counted from x0.
 
-    theta is projected on the path at every tick: the theta of the whole plan moves with it.
+    theta is projected on the path at every tick: the theta of the whole plan moves with it. The
+    heading of x0 is within pi of the path's: where that begins with another whole turn, as on a new
+    path to the west may be, the plan turns with it.
     """
     X = np.array(plan.X)
     X[:, THETA] += x0.theta - X[0, THETA]
+    turns = round((x0.psi - X[0, PSI]) / (2 * math.pi))
+    if turns:
+        X[:, PSI] += 2 * math.pi * turns
     X[0] = x0
     return plan._replace(X=X)
 

@@ -98,7 +98,7 @@ class PredictionModel:
         limits = bounds.build(
             self.params.limits,
             car,
-            x0.Fx,
+            x0,
             model.horizon,
             model.step_s,
             form.ocp.state,

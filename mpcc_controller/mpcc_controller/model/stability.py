@@ -33,6 +33,8 @@ def least_stable_speed(car: Car, dt: float, least: float = LEAST_MPS) -> float:
 
     Infinite where none is.
     """
+    if growth(car, dt, least) < STABLE:
+        return least
     speeds = np.arange(least, GREATEST_MPS, STEP_MPS)
     return next((round(float(v), 6) for v in speeds if growth(car, dt, v) < STABLE), np.inf)
 

@@ -21,23 +21,34 @@ MARGIN = 1e-3  # relative, between a state that cannot be changed and its bound
 def build(
     limits: Limits,
     car: Car,
-    Fx: float,
+    x0: State,
     horizon: int,
     dt: float,
     state: type = State,
     circles: int = 1,
 ) -> Bounds:
-    """Return the bounds for a plan that starts with the total force `Fx` [N].
+    """Return the bounds for a plan that starts with the angle and the total force of `x0`.
 
     `state` is the NamedTuple of the formulation's states; delta and Fx are bounded. `circles` of
     the vehicle are kept on the track.
 
-    Where the force already exceeds its share of the friction (the friction dropped, or after a
-    restart), the friction bounds widen to what the rate limit of the force allows to reach: a state
-    that cannot be changed must not make the problem infeasible.
+    Where one already exceeds its bound, or the force its share of the friction (the limit was
+    lowered, or the friction dropped, while the car braked), the bounds widen to what its rate limit
+    allows to reach: a state that cannot be changed must not make the problem infeasible.
     """
-    driving, braking = friction_shares(limits, car, Fx, horizon, dt)
+    driving, braking = friction_shares(limits, car, x0.Fx, horizon, dt)
     constant = _without_friction(limits, horizon, state, circles)
+    reach = dt * np.arange(horizon + 1)
+    for name, rate in (('delta', limits.steer_rate_radps), ('Fx', limits.force_rate_nps)):
+        i, value = state._fields.index(name), getattr(x0, name)
+        low, high = constant.x_low[:, i], constant.x_high[:, i]
+        if not (1 + MARGIN) * low[0] <= value <= (1 + MARGIN) * high[0]:
+            farthest = (1 + MARGIN) * abs(value) - rate * reach
+            constant = constant._replace(
+                x_low=np.array(constant.x_low), x_high=np.array(constant.x_high)
+            )
+            constant.x_low[:, i] = np.minimum(low, -farthest if value < 0 else low)
+            constant.x_high[:, i] = np.maximum(high, farthest if value > 0 else high)
     g_high, g_low = constant.g_high.copy(), constant.g_low.copy()
     g_high[:, :AXLES], g_low[:, :AXLES] = driving[:AXLES, :-1].T, -braking[:AXLES, :-1].T
     return constant._replace(

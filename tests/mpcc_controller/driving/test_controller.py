@@ -40,6 +40,18 @@ def test_heading_beyond_pi_is_taken_as_the_same_heading(controller, world):
     command, prediction, _ = world.tick(controller, world.rolling(psi=-np.pi + 0.01))
     assert prediction.psi[0] == pytest.approx(np.pi + 0.01)
     assert -0.03 < command.delta < 0
+    # also where the path is sent again with a heading of another whole turn
+    answers = []
+    for slope in (-1e-9, 1e-9):
+        world.set_inputs(controller, type(world.straight())(west, swapped, obstacles))
+        world.tick(controller, world.rolling(psi=-np.pi + 0.01))
+        controller.set_reference(west._replace(Y=slope * west.X))
+        x = world.rolling(X=-1.0, Y=-0.01, psi=-np.pi + 0.005, stamp_ns=TICK)
+        answers.append(world.tick(controller, x))
+    (first, _, why), (other, turned, again) = answers
+    assert turned.psi == pytest.approx(-np.pi, abs=0.02)
+    assert other == pytest.approx(first, abs=1e-5)
+    assert again.values['solver.iterations'] <= why.values['solver.iterations'] + 1
 
 
 def test_hard_braking_above_the_least_speed_and_a_car_off_the_road_are_solvable(controller, world):
@@ -65,6 +77,20 @@ def test_a_restart_cuts_the_set_points_of_the_actuators_to_the_limits(controller
     controller.reset(Actuators(0, 0.05, 0.0, -12e3, -8e3, (0.0,) * 4))
     brake_n = controller.params.limits.brake_n
     assert controller.memory.last[1:] == pytest.approx((0.05, 0.0, -0.6 * brake_n, -0.4 * brake_n))
+
+
+@pytest.mark.parametrize(
+    ('stamp_ns', 'resumed', 'believed'),
+    [(5 * TICK, False, 0.3), (5 * TICK, True, 1.0), (0, False, 1.0)],
+    ids=['after an outage', 'after a pause', 'in another drive'],
+)
+def test_what_is_known_of_the_road_stays_while_the_drive_goes_on(
+    controller, world, stamp_ns, resumed, believed
+):
+    world.tick(controller, world.rolling(stamp_ns=3 * TICK))
+    controller.memory = controller.memory._replace(believed=0.3)
+    controller.reset(Actuators(stamp_ns, *5 * [0.0]), resumed)
+    assert controller.memory.believed == believed
 
 
 def test_an_invalid_path_or_edge_is_rejected_and_the_old_one_kept(controller, world):

@@ -63,6 +63,8 @@ def test_wherever_the_car_drives_its_prediction_calms_down(world, low_speed, fac
         assert bool(told) == (factor > 1)
     else:
         assert (f'is {least:g} instead of 3' in told) == (least > 3.0)
+        faster = PredictionModel(*world.load(limits__least_speed_mps=40.0))
+        assert faster.params.limits.least_speed_mps == 40.0
 
 
 @pytest.mark.parametrize('low_speed', [False, True])

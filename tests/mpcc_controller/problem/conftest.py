@@ -54,7 +54,7 @@ class Posed(NamedTuple):
         params, ocp_ = self.form.params, self.form.ocp
         start = ocp_.state(*self.plan.X[0])
         circles = len(params.body.circle_offsets_m)
-        limits = bounds.build(params.limits, self.form.car, start.Fx, N, DT, ocp_.state, circles)
+        limits = bounds.build(params.limits, self.form.car, start, N, DT, ocp_.state, circles)
         options = SolverOptions(max_iterations=200, tolerance=1e-6 if name == 'riccati' else 1e-8)
         make = make_solver if name == 'riccati' else partial(ReferenceSolver, name=name)
         solver = make(self.problem(), options=options)

@@ -233,7 +233,7 @@ def test_friction_bounds_are_the_share_of_the_parameters_for_the_states_of_a_for
 ):
     form = pose(START, name).form
     state, limits = form.ocp.state, form.params.limits
-    given_bounds = bounds.build(limits, form.car, -3000.0, N, DT, state)
+    given_bounds = bounds.build(limits, form.car, START._replace(Fx=-3000.0), N, DT, state)
     assert np.all(given_bounds.g_high[:, :2] == limits.friction_use)
     assert np.all(given_bounds.h_low == -limits.friction_use)
     for side, rows in ((-1, given_bounds.x_low), (1, given_bounds.x_high)):
@@ -249,16 +249,17 @@ def test_friction_bounds_are_the_share_of_the_parameters_for_the_states_of_a_for
 
 @quick
 @given(
-    Fx=st.floats(-17000.0, 6000.0),
+    Fx=st.floats(-24000.0, 12000.0),
+    delta=st.floats(-1.0, 1.0),
     friction=st.floats(0.05, 1.5),
     lambda_d=st.floats(0.0, 1.0),
     split=st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)).map(sorted),
     drive_use=st.one_of(st.none(), st.floats(0.1, 1.0)),
 )
 def test_whatever_the_force_on_whatever_road_there_is_a_plan(
-    world, Fx, friction, lambda_d, split, drive_use
+    world, Fx, delta, friction, lambda_d, split, drive_use
 ):
-    """The force falls as fast as it may, and some split within its bounds overloads no axle."""
+    """Force and angle fall as fast as they may; some split within its bounds overloads no axle."""
     params, vehicle = world.load(
         model__friction=friction,
         model__drive_front_share=lambda_d,
@@ -267,9 +268,15 @@ def test_whatever_the_force_on_whatever_road_there_is_a_plan(
         limits__drive_friction_use=drive_use,
     )
     limits, car = params.limits, stage_parameters.car(params, vehicle)
-    given_bounds = bounds.build(limits, car, Fx, N, DT)
-    fastest = np.maximum(abs(Fx) - limits.force_rate_nps * DT * np.arange(N + 1), 0)
-    for k, force in enumerate(np.copysign(fastest, Fx)):
+    given_bounds = bounds.build(limits, car, START._replace(Fx=Fx, delta=delta), N, DT)
+    falls = [
+        np.copysign(np.maximum(abs(value) - rate * DT * np.arange(N + 1), 0), value)
+        for value, rate in ((delta, limits.steer_rate_radps), (Fx, limits.force_rate_nps))
+    ]
+    for i, fall in zip((State._fields.index('delta'), State._fields.index('Fx')), falls):
+        assert np.all(given_bounds.x_low[:, i] <= fall)
+        assert np.all(fall <= given_bounds.x_high[:, i])
+    for k, force in enumerate(falls[1]):
         Fz = single_track.loads(force, car)
         front, rear = car.mu_f * Fz.f, car.mu_r * Fz.r
         if k == N:
@@ -285,7 +292,8 @@ def test_whatever_the_force_on_whatever_road_there_is_a_plan(
 def test_the_friction_bounds_are_back_where_the_force_may_be(world):
     params, vehicle = world.load(model__friction=0.3)
     Fx = -12000.0
-    given_bounds = bounds.build(params.limits, stage_parameters.car(params, vehicle), Fx, N, DT)
+    car, start = stage_parameters.car(params, vehicle), START._replace(Fx=Fx)
+    given_bounds = bounds.build(params.limits, car, start, N, DT)
     force_gone = int(np.ceil(-Fx / params.limits.force_rate_nps / DT))
     assert np.all(given_bounds.g_low[0, :2] < -1)
     assert np.all(given_bounds.g_low[force_gone:, :2] == -params.limits.friction_use)
