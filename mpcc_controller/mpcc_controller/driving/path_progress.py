@@ -15,7 +15,9 @@ from msgs_yaml.conversions import ns_to_s
 from msgs_yaml.types import VehicleState
 from stage_solver.stage_problem import Plan
 
-LOST_M = 5.0  # from the projection, beyond it an integrated theta starts from there again
+# from the projection: beyond it an integrated theta starts from there again, and the car begins on
+# no other stretch of the path
+LOST_M = 5.0
 FARTHEST_M = 50.0  # of a path from the car
 MOVES_MPS = 3.0  # faster, the course counts, not the heading: a car that spins keeps its path
 
@@ -33,14 +35,33 @@ def objection(path: ReferencePath, x: VehicleState) -> str:
     distance = math.hypot(foot.X - x.X, foot.Y - x.Y)
     if distance > FARTHEST_M:
         return f'the path is {distance:.0f} m from the car; allowed up to {FARTHEST_M:g} m'
-    course = x.psi
-    if math.hypot(x.vx, x.vy) > MOVES_MPS:
-        course += math.atan2(x.vy, x.vx)
-    arcs = path.arcs
+    arcs, course = path.arcs, _course(x)
     near = np.hypot(arcs.X - x.X, arcs.Y - x.Y) <= FARTHEST_M
     if np.cos(foot.psi - course) > 0 or np.any(np.cos(arcs.psi[near] - course) > 0):
         return ''
     return 'the path runs against the motion of the car'
+
+
+def _course(x):
+    """Return the direction in which the car moves [rad, map]; while it is slow, its heading."""
+    return x.psi + (math.atan2(x.vy, x.vx) if math.hypot(x.vx, x.vy) > MOVES_MPS else 0.0)
+
+
+def _first_theta(path, x, reach):
+    """Return theta of a car that was not on the path before, on a stretch that runs with it.
+
+    Where the closest point runs against the car, the way back may be closer than the way there.
+    """
+    theta = project(path, x.X, x.Y, None, reach)
+    foot, _ = reference_path.arcs_at(path, theta)
+    if np.cos(foot.psi - _course(x)) <= 0:
+        arcs = path.arcs
+        away = np.hypot(arcs.X - x.X, arcs.Y - x.Y)
+        away[np.cos(arcs.psi - _course(x)) <= 0] = np.inf
+        near = int(np.argmin(away))
+        if away[near] <= math.hypot(foot.X - x.X, foot.Y - x.Y) + LOST_M:
+            theta = project(path, x.X, x.Y, arcs.theta[near], reach)
+    return theta
 
 
 class Progress(NamedTuple):
@@ -64,8 +85,11 @@ def initial_state(
     stage 0 is what the prediction has missed. It starts from the projection again where there
     is no last plan, after a change of the path, and beyond LOST_M from the projection.
     """
-    model = params.model
-    here = theta = project(scene.path, x.X, x.Y, progress.theta, params.surroundings.path_search_m)
+    model, reach = params.model, params.surroundings.path_search_m
+    if progress.theta is None:
+        here = theta = _first_theta(scene.path, x, reach)
+    else:
+        here = theta = project(scene.path, x.X, x.Y, progress.theta, reach)
     stage_ns = progress.stage_ns
     if model.theta == INTEGRATED:
         if progress.theta is not None and last_plan is not None:

@@ -110,6 +110,22 @@ def test_the_same_path_again_keeps_theta(controller, world):
     assert controller.memory.progress.theta is None
 
 
+def test_a_car_begins_on_the_stretch_that_runs_with_it_where_the_way_back_is_closer(
+    controller, world
+):
+    """There at Y = 0, around a half circle, back at Y = 3.5 m."""
+    leg, angle = np.arange(0.0, 101.0), np.linspace(0.0, np.pi, 12)[1:-1]
+    X = np.concatenate((leg, 100.0 + 1.75 * np.sin(angle), leg[::-1]))
+    Y = np.concatenate((0 * leg, 1.75 * (1 - np.cos(angle)), 0 * leg + 3.5))
+    psi = np.concatenate((0 * leg, angle, 0 * leg + np.pi))
+    path = world.straight().reference._replace(X=X, Y=Y, psi=psi, t=0.1 * np.arange(len(X)))
+    assert controller.set_reference(path) == ''
+    for heading, expected in ((0.0, 60.0), (np.pi, 140.0 + 1.75 * np.pi)):
+        controller.reset(world.REST)
+        values = world.tick(controller, world.rolling(X=60.0, Y=1.8, psi=heading))[2].values
+        assert values['theta'] == pytest.approx(expected, abs=0.1)
+
+
 def test_plans_of_the_baseline_are_in_the_map_when_it_fails_and_on_a_new_path(
     baseline, world, monkeypatch
 ):
