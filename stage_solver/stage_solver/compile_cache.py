@@ -15,16 +15,13 @@ import shlex
 import shutil
 import subprocess
 import tempfile
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
 _COMPILE_TIMEOUT_S = 900.0
 _MAX_LINES = 12
 _LOG = logging.getLogger(__name__)  # without a handler a warning is a line on stderr
-AHEAD = (
-    'install one (Debian, Ubuntu: apt install gcc), or let MPCC_CACHE_DIR name a folder '
-    'in which a machine of this kind has built the libraries'
-)
 
 
 class CompileError(OSError):
@@ -78,8 +75,9 @@ def find_compiler() -> str | None:
     """Return the command of the C compiler, or None."""
     configured = os.environ.get('CC')
     for command in [configured] if configured else ['gcc', 'cc']:
-        if shutil.which(shlex.split(command)[0]):
-            return command
+        with suppress(ValueError, IndexError):  # a quote without its end, blanks alone
+            if shutil.which(shlex.split(command)[0]):
+                return command
     return None
 
 
@@ -90,13 +88,17 @@ def _built_ahead(folder, code, name):
         if _is_whole(library):
             return library
     lack = f'{libraries[0]} is damaged' if libraries else f'no library of it is in {folder}'
-    raise CompileError(f'no C compiler for {name}, and {lack}: {AHEAD}')
+    raise CompileError(
+        f'no C compiler for {name}, and {lack}: install one (Debian, Ubuntu: apt install gcc), '
+        f'let $CC name one (it is {os.environ.get("CC", "")!r}), or let MPCC_CACHE_DIR name a '
+        'folder in which a machine of this kind has built the libraries'
+    )
 
 
 def _is_whole(library):
     """Return whether a library is there, and as it was when it was compiled."""
     try:
-        return library.with_suffix('.sha256').read_text() == _digest(library.read_bytes())
+        return library.with_suffix('.sha256').read_bytes() == _digest(library.read_bytes()).encode()
     except OSError:
         return False
 
@@ -107,8 +109,22 @@ def _digest(content):
 
 @cache
 def _version(compiler):
-    command = [*shlex.split(compiler), '--version']
-    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
+    return _run(compiler, ['--version'], 60.0)
+
+
+def _run(compiler, arguments, timeout_s, library=None):
+    """Return what the compiler prints, and make the library, if any. Raises CompileError."""
+    command = [*shlex.split(compiler), *arguments]
+    try:
+        done = subprocess.run(command, capture_output=True, errors='replace', timeout=timeout_s)
+        if not done.returncode and (library is None or library.exists()):
+            return done.stdout
+        reason = done.stderr or f'exit code {done.returncode}, no output'
+    except (OSError, subprocess.TimeoutExpired) as error:
+        reason = str(error)
+    what = library.stem if library else '--version'
+    head = '\n'.join(reason.splitlines()[:_MAX_LINES])
+    raise CompileError(f'{compiler} ($CC, else gcc, else cc) refuses {what}:\n{head}')
 
 
 def _cpu():
@@ -126,12 +142,8 @@ def _compile(c_source, library, compiler, flags):
         source = Path(folder, 'source.c')
         source.write_text(c_source)
         built = Path(folder, library.name)
-        command = [*shlex.split(compiler), '-shared', '-fPIC', *flags, '-o', str(built)]
-        command += [str(source), '-lm']
-        result = subprocess.run(command, capture_output=True, text=True, timeout=_COMPILE_TIMEOUT_S)
-        if result.returncode:
-            head = '\n'.join(result.stderr.splitlines()[:_MAX_LINES])
-            raise CompileError(f'{compiler} refuses {library.stem}:\n{head}')
+        arguments = ['-shared', '-fPIC', *flags, '-o', str(built), str(source), '-lm']
+        _run(compiler, arguments, _COMPILE_TIMEOUT_S, built)
         checksum = Path(folder, 'checksum')
         checksum.write_text(_digest(built.read_bytes()))
         # renames are atomic, and who sees one without the other waits for the lock

@@ -48,14 +48,14 @@ def evaluate_stage(problem: StageProblem, x: ca.SX, u: ca.SX, p: ca.SX) -> tuple
     """Return next state, cost and g of a stage; states and inputs are in solver units."""
     scale_x = ca.DM(problem.scale_x)
     arguments = x * scale_x, u * ca.DM(problem.scale_u), p
-    x_next = problem.dynamics(*arguments) / scale_x
-    return x_next, problem.stage_cost(*arguments), problem.constraints(*arguments)
+    x_next = ca.vec(problem.dynamics(*arguments)) / scale_x
+    return x_next, problem.stage_cost(*arguments), ca.vec(problem.constraints(*arguments))
 
 
 def evaluate_last_stage(problem: StageProblem, x: ca.SX, p: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return cost and h of stage N; the state is in solver units."""
     x = x * ca.DM(problem.scale_x)
-    return problem.terminal_cost(x, p), problem.terminal_constraints(x, p)
+    return problem.terminal_cost(x, p), ca.vec(problem.terminal_constraints(x, p))
 
 
 def make_stage(problem: StageProblem, last: bool = False) -> StageModel:
@@ -69,15 +69,15 @@ def make_stage(problem: StageProblem, last: bool = False) -> StageModel:
         F, cost, g = ca.SX(0, 1), *evaluate_last_stage(problem, w, p)
     else:
         F, cost, g = evaluate_stage(problem, w[nu:], w[:nu], p)
-    F, cost, g = (ca.densify(ca.vec(v)) for v in (F, cost, g))
+    F, cost, g = (ca.densify(v) for v in (F, cost, g))
     n, n_g = w.numel(), g.numel()
     lam, y = ca.SX.sym('lam', F.numel()), ca.SX.sym('y', n_g)
     sigma, push = ca.SX.sym('sigma', n + n_g), ca.SX.sym('push', n + n_g)
     slope = ca.gradient(cost + ca.dot(lam, F) + ca.dot(y, g), w)
     JF, Jg = ca.jacobian(F, w), ca.jacobian(g, w)
     H = ca.jacobian(slope, w, {'symmetric': True})
-    H += ca.diag(sigma[:n]) + Jg.T @ ca.diag(sigma[n:]) @ Jg
-    q = ca.gradient(cost, w) + push[:n] + Jg.T @ push[n:]
+    H += ca.diag(sigma[:n]) + Jg.T @ ca.diag(sigma[n:, :]) @ Jg
+    q = ca.gradient(cost, w) + push[:n] + Jg.T @ push[n:, :]  # push[1:] of one row would be 1 x 0
     inputs = {'w': w, 'p': p, 'lam': lam, 'y': y, 'sigma': sigma, 'push': push}
 
     def function(kind, names_in, outputs):

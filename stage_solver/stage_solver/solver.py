@@ -119,9 +119,8 @@ class StageSolver:
         call.tolerance = options.tolerance
         call.time_limit = math.inf if options.time_limit_s is None else options.time_limit_s
         call.warm_mu = WARM_BARRIER
-        if options.one_step is not None:
-            call.step_residual = options.one_step.residual
-            call.step_decrease = options.one_step.decrease
+        # never is below 0: at an optimum residual and decrease may be exactly 0
+        call.step_residual, call.step_decrease = options.one_step or (-1.0, -1.0)
 
     def solve(self, x0: np.ndarray, P: np.ndarray, bounds: Bounds, guess: Plan) -> Solution:
         """Return the solution from state x0 (nx,) with stage parameters P (N + 1, np), SI units.

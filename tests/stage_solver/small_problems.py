@@ -189,6 +189,24 @@ def double_integrator(cost, name='double_integrator'):
     return Case(problem, np.zeros(2), np.zeros((11, 0)), no_bounds(problem), zero_plan(problem))
 
 
+def growing(x0):
+    """Return one state, to be kept within 1, whose cube drives it away; no terminal constraint."""
+    x, u, p = (ca.SX.sym(*size) for size in (('x', 1), ('u', 1), ('p', 0)))
+    problem = StageProblem(
+        name='growing',
+        states=('x',),
+        inputs=('u',),
+        parameters=(),
+        horizon=12,
+        dynamics=ca.Function('F', [x, u, p], [x + x**3 + u]),
+        stage_cost=ca.Function('l', [x, u, p], [x**2 + u**2]),
+        constraints=ca.Function('g', [x, u, p], [x]),
+    )
+    ones = np.ones((12, 1))
+    bounds = no_bounds(problem)._replace(g_low=-ones, g_high=ones)
+    return Case(problem, np.array([x0]), np.zeros((13, 0)), bounds, zero_plan(problem))
+
+
 def aligned(*shape):
     """Return an array of 0.5 that begins where the widest vector may."""
     memory = np.full(np.prod(shape) + 8, 0.5)

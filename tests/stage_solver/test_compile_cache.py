@@ -109,7 +109,11 @@ def lose_the_checksum(library):
     library.with_suffix('.sha256').unlink()
 
 
-@pytest.mark.parametrize('damage', [truncate, flip, empty, lose_the_checksum])
+def garble_the_checksum(library):
+    library.with_suffix('.sha256').write_bytes(b'\xff' * 64)
+
+
+@pytest.mark.parametrize('damage', [truncate, flip, empty, lose_the_checksum, garble_the_checksum])
 def test_a_damaged_library_is_compiled_again_with_one_line_or_refused(damage, caplog, monkeypatch):
     damage(compile_twice())
     with monkeypatch.context() as no_compiler:
@@ -131,9 +135,32 @@ def test_without_a_compiler_what_any_compiler_has_built_is_loaded(cache, monkeyp
         compile_twice(flags=('-O1',))
     assert str(caught.value) == (
         f'no C compiler for twice, and no library of it is in {cache}: '
-        'install one (Debian, Ubuntu: apt install gcc), or let MPCC_CACHE_DIR name a folder '
-        'in which a machine of this kind has built the libraries'
+        "install one (Debian, Ubuntu: apt install gcc), let $CC name one (it is 'no-such-compiler')"
+        ', or let MPCC_CACHE_DIR name a folder in which a machine of this kind has built the '
+        'libraries'
     )
+
+
+@pytest.mark.parametrize(
+    ('value', 'message'),
+    [
+        ('   ', r"no C compiler for twice.*\$CC .*'   '"),
+        ('gcc "', r"no C compiler for twice.*\$CC .*'gcc \"'"),
+        ('false', r'false \(\$CC.*refuses --version:\nexit code 1'),
+        ('{folder}/not-a-program', r'not-a-program \(\$CC.*refuses --version:\n.*Exec format'),
+        ('true', r'true \(\$CC.*refuses twice-\S*:\nexit code 0, no output'),
+        ('{folder}/slow', r'slow \(\$CC.*refuses twice-\S*:\n.*timed out'),
+    ],
+)
+def test_a_compiler_that_does_not_work_is_refused_by_name(value, message, tmp_path, monkeypatch):
+    slow = '#!/bin/sh\ntest "$1" = --version || exec sleep 60\n'
+    for name, content in {'slow': slow, 'not-a-program': 'text'}.items():
+        (tmp_path / name).write_text(content)
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setattr(compile_cache, '_COMPILE_TIMEOUT_S', 1.0)
+    monkeypatch.setenv('CC', value.format(folder=tmp_path))
+    with pytest.raises(CompileError, match=f'(?s){message}'):
+        compile_twice()
 
 
 def test_a_folder_that_cannot_be_written_serves_what_it_has_and_refuses_the_rest(cache):

@@ -7,7 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize
-from small_problems import each_solver, least_squares, limited, make, random_linear, slalom
+from small_problems import (
+    double_integrator,
+    each_solver,
+    growing,
+    least_squares,
+    limited,
+    make,
+    random_linear,
+    slalom,
+)
 
 from stage_solver import FAILED, ONE_STEP, SOLVED, OneStep, Plan, shift
 
@@ -117,6 +126,14 @@ def test_one_step_is_accepted_where_its_residuals_are_small_enough():
     assert solution.iterations < case.solve().iterations
 
 
+def test_a_warm_start_at_the_solution_converges_where_one_step_is_not_asked_for():
+    case = double_integrator(lambda x: 0)
+    case.guess.X[:, 0] = 1.0
+    bounds = case.bounds._replace(u_low=np.full((10, 1), -1.0), u_high=np.full((10, 1), 1.0))
+    case = case._replace(x0=np.array([1.0, 0.0]), bounds=bounds)
+    assert case._replace(guess=case.solve().plan).solve().status == SOLVED
+
+
 def multiplied(value):
     parts = SLALOM.solve().plan.multipliers
     return SLALOM.guess._replace(multipliers=type(parts)(*(np.full_like(p, value) for p in parts)))
@@ -166,6 +183,16 @@ def test_equal_arguments_give_equal_bits_whatever_was_solved_before(name):
             (alone.plan.X, alone.plan.U, *alone.plan.multipliers),
         ):
             assert np.array_equal(one, another)
+
+
+def test_a_fresh_start_that_overflows_leaves_the_result_of_the_first_one():
+    assert growing(0.5).solve().status == SOLVED
+    # the first state is not allowed, and the inputs of the guess lead from it to infinity
+    solution = growing(1.5).solve()
+    assert (solution.status, solution.message) == (FAILED, 'locally infeasible')
+    assert 0.4 < solution.primal_residual < 5  # at first 1.5 + 1.5**3 = 4.9
+    assert np.isfinite(solution.cost)
+    assert np.abs(solution.plan.X[1:]).max() > 0.01  # an iterate, not the guess
 
 
 @each_solver

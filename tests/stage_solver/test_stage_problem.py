@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from small_problems import double_integrator, slalom
 
 from stage_solver import Multipliers, Plan, ProblemError, no_bounds, rk2, shift, zero_plan
+from stage_solver.riccati_codegen import source
 
 PROBLEM = slalom().problem
 
@@ -70,6 +71,15 @@ def test_a_problem_needs_only_its_dynamics_and_cost():
     assert (problem.scale_x, problem.scale_u) == ((1.0, 1.0), (1.0,))
     assert float(problem.terminal_cost([1.0, 2.0], [])) == 0.0
     assert case.solve().status == 'solved'
+
+
+def test_a_vector_may_be_a_row():
+    x, u, p = (ca.SX.sym(*size) for size in (('x', 4), ('u', 2), ('p', 4)))
+    rows = {
+        name: ca.Function(name, [x, u, p], [getattr(PROBLEM, name)(x, u, p).T])
+        for name in ('dynamics', 'constraints')
+    }
+    assert source(dataclasses.replace(PROBLEM, **rows)) == source(PROBLEM)
 
 
 def test_arrays_are_printed_by_their_shapes():

@@ -104,7 +104,8 @@ static int iterate(Workspace *s, Call *call, int warm, double deadline)
     clear_filter(&filter, s->here.violation);
     for (;;) {
         if (!(fabs(s->here.f) < __builtin_inf()) || !(s->here.violation < __builtin_inf()))
-            return NOT_FINITE;
+            /* where an earlier attempt had values, the guess has them: a fresh start has none */
+            return s->best_violation < __builtin_inf() ? SETBACK : NOT_FINITE;
         keep_best(s, feasible);
         if (call->iterations >= call->max_iterations)
             return ITERATION_LIMIT;

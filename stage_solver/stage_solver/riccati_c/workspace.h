@@ -38,7 +38,7 @@ typedef struct {
     double *X, *U;                 /* guess, then result */
     double *m[KINDS], *m_dynamics; /* their multipliers, likewise */
     double tolerance, time_limit, warm_mu;
-    double step_residual, step_decrease; /* 0, or when one step is enough (ONE_STEP) */
+    double step_residual, step_decrease; /* when one step is enough (ONE_STEP); < 0: never */
     double cost, primal_residual, dual_residual; /* result */
     long long warm, max_iterations;
     long long status, iterations; /* result */
