@@ -316,6 +316,13 @@ def test_starts_are_taken_from_parameters_or_the_first_pose():
     assert plant_node.read_start_path(raw).t.tolist() == path.t.tolist()
     with pytest.raises(DecodeError, match=r'no speed to start with.*start\.from: parameters'):
         plant_node.read_start_path(still)
+    for share, speed in ((5.0, 100), (5.001, 100.02)):
+        hasty = ros.serialize(encode.reference(path._replace(t=t / share)))
+        if speed == 100:
+            assert len(plant_node.read_start_path(hasty).t) == 3
+        else:
+            with pytest.raises(DecodeError, match=f'say a speed of {speed} m/s; allowed 0 to 100'):
+                plant_node.read_start_path(hasty)
     own = parameters.StartParams(
         x_m=1.0, y_m=2.0, yaw_rad=0.3, speed_mps=4.0, lateral_mps=None, yaw_rate_radps=-0.5
     )
