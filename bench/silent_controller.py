@@ -76,11 +76,12 @@ def silences(family: str, draw: int) -> Iterator[dict[str, object]]:
 def is_safe(setup: Setup, step: Step, plan: StopPlan | None, why: Why) -> bool:
     """Return whether the car stays on the road without contact; its last command is of the step."""
     scn, car = setup.scn, step.car.fork()
-    plant_side = LockstepStepper(car, RunEnd(inputs.stop_params(scn), car.now))
+    end = RunEnd(inputs.stop_params(scn), car.now)
+    plant_side = LockstepStepper(car, end)
     tracks, obstacles = [car.now, plant_side.tick(step.record.command)], [step.obstacles]
     if plan is not None:
         plant_side.stop.keep(plan.stamp_ns, lambda: plan)
-    while not plant_side.outcome and len(tracks) < MOST_TICKS:
+    while not end.standing and len(tracks) < MOST_TICKS:  # beyond the finish line, too
         tracks.append(plant_side.tick_without_controller())
         t = (car.stamp_ns - scn.reference.stamp_ns) / NS_PER_S
         obstacles.append(scenario.obstacles_at(scn, t, car.stamp_ns, (car.state.X, car.state.Y)))

@@ -9,6 +9,7 @@ import numpy as np
 
 U1, U4, F4, F8 = 2, 6, 7, 8  # sensor_msgs/PointField, datatype
 _KINDS = {U1: 'u1', U4: 'u4', F4: 'f4', F8: 'f8'}
+MOST_STEP = 2**31  # bytes of a row: numpy has no longer ones
 # as they are sent, and the other types that are read
 COLUMNS = {'id': (U4,), 'branch': (U1,)} | dict.fromkeys(
     ('probability', 't', 'x', 'y', 'z', 'var_x', 'cov_xy', 'var_y'), (F4, F8)
@@ -37,8 +38,9 @@ def read(message: Any) -> dict[str, np.ndarray]:
         offsets.append(int(field.offset))
     size = int(message.point_step)
     needed = max(o + np.dtype(f).itemsize for o, f in zip(offsets, formats))
-    if size < needed:
-        raise ValueError('point_step', size, f'{needed} or more, where the fields end')
+    if not needed <= size < MOST_STEP:
+        allowed = f'{needed} or more, where the fields end, below {MOST_STEP}'
+        raise ValueError('point_step', size, allowed)
     length = int(message.width) * int(message.height) * size
     if len(message.data) != length:
         allowed = f'{length} elements, width x height x point_step'

@@ -66,7 +66,7 @@ class InputError(Exception):
 
 
 class YamlError(InputError, ValueError):
-    """A mistake in a YAML file; the text begins with file:line."""
+    """A mistake in a YAML file; the text begins with file:line, or the file if it is not read."""
 
 
 class _Refused(yaml.MarkedYAMLError):
@@ -417,11 +417,13 @@ def _select_alternative(schemas, item):
 
 
 def read(path: Path) -> Item:
-    """Return the root of a YAML file; raise YamlError as `parse` does."""
+    """Return the root of a YAML file; raise YamlError as `parse` does, and if it is not read."""
     try:
         return parse(Path(path).read_text(encoding='utf-8'), path)
     except UnicodeDecodeError as error:
         raise YamlError(f'{path}:1: no valid YAML: {error}') from None
+    except OSError as error:
+        raise YamlError(f'{path}: {error.strerror or error}') from None
 
 
 def parse(text: str, source: Path | str) -> Item:

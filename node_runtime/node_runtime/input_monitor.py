@@ -25,6 +25,8 @@ class HeldLevel:
 
     def update(self, level: int, now_ns: int) -> int:
         """Take the present level; return the worst of the last two seconds."""
+        # what lies ahead is of a run before, from which time went back
+        self._last_ns = {held: ns for held, ns in self._last_ns.items() if ns <= now_ns}
         if level in (WARN, ERROR):
             self._last_ns[level] = now_ns
         recent = [held for held, last_ns in self._last_ns.items() if now_ns - last_ns < HOLD_NS]

@@ -199,7 +199,7 @@ def _own_parameters(root):
     node = next(iter(root.items())) if len(root.items()) == 1 else ''
     name = node if node.startswith('/') else '/**'
     parameters = root.members((name,))[name].members(('ros__parameters',))['ros__parameters']
-    items, lines = leaf_items(parameters), root.path.read_text().splitlines()
+    items, lines = leaf_items(parameters), root.path.read_text(encoding='utf-8').splitlines()
     base = items.pop(BASE, None)
     values = {key: item.value_or_empty() for key, item in items.items()}
     sources = {key: f'{root.path}:{item.line}' for key, item in items.items()}
@@ -218,13 +218,19 @@ def _find_base(item: Item, path, config):
 
 
 def leaf_items(item: Item, prefix: str = '') -> dict[str, Item]:
-    """Return what is nested in an item, by dotted name, which is its key. Raises YamlError."""
+    """Return what is nested in an item, by dotted name, which is its key.
+
+    Raises YamlError for one that appears twice, as when it is dotted and nested.
+    """
     leaves_below = {}
     for name, member in item.items().items():
         nested = member.node.id == 'mapping'
         key = f'{prefix}{name}'
         member = member._replace(key=key)
-        leaves_below.update(leaf_items(member, f'{key}.') if nested else {key: member})
+        inner = leaf_items(member, f'{key}.') if nested else {key: member}
+        for again in inner.keys() & leaves_below:
+            raise inner[again].error('appears twice')
+        leaves_below |= inner
     return leaves_below
 
 

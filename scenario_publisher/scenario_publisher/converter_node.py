@@ -1,10 +1,12 @@
 """ROS node that turns the objects of other programs into obstacles and predictions."""
 
 import sys
+import time
 from importlib import import_module
 
 from msgs_yaml import encode, share
 from node_runtime import ros, spin_node
+from node_runtime.log_filters import RejectionLog
 from node_runtime.managed_node import ManagedNode
 from node_runtime.parameters import ParameterError
 from scenario_publisher.perceived_objects import (
@@ -32,19 +34,28 @@ class ConverterNode(ManagedNode):
             apt = f'ros-jazzy-{package.replace("_", "-")}'
             raise ParameterError(f'type: {package} is not installed; apt install {apt}') from None
         self.convert = from_autoware if self.params.type == TYPES[0] else from_derived
+        self.refusals = RejectionLog(f'object of {self.params.topic}')
         self.predictions_pub = ros.publisher(self, '/scenario/predictions')
         self.obstacles_pub = ros.publisher(self, '/scenario/obstacles')
         self.create_subscription(kind, self.params.topic, self.on_objects, 1)
 
     def on_objects(self, message):
-        """Publish what the objects are in the contract."""
+        """Publish what the objects are in the contract; log those that are refused.
+
+        Nothing if all are, as obstacles without any would say that the road is free.
+        """
         if message.header.frame_id != 'map':
             text = f'frame_id is {message.header.frame_id!r}; allowed map'
             self.get_logger().error(text, throttle_duration_sec=1.0)
         elif self.is_active:
             obstacles, predictions = self.convert(message, self.params.overhang_m)
-            self.predictions_pub.publish(encode.predictions(predictions))
-            self.obstacles_pub.publish(encode.obstacles(obstacles))
+            for kind, reason in obstacles.refused:
+                line = self.refusals.line(kind, reason, time.monotonic_ns())
+                if line:
+                    self.get_logger().warning(line)
+            if obstacles.items or not obstacles.refused:
+                self.predictions_pub.publish(encode.predictions(predictions))
+                self.obstacles_pub.publish(encode.obstacles(obstacles))
 
 
 def main():

@@ -2,22 +2,25 @@
 
 Of autoware_perception_msgs/PredictedObjects and derived_object_msgs/ObjectArray in the frame `map`.
 A box becomes the fewest equal discs in a row that cover it and stick out beside it by at most
-`overhang_m`: nothing of the box is outside of its discs.
+`overhang_m`: nothing of the box is outside of its discs. An object without a size is refused alone.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 import numpy as np
 
 from msgs_yaml.conversions import stamp_to_ns
 from msgs_yaml.strict_yaml import Choice, Range, Struct
-from msgs_yaml.types import Branch, Obstacle, Obstacles, Predictions
+from msgs_yaml.types import Branch, Obstacle, Obstacles, Predictions, Refusal
 
 TYPES = ('autoware_perception_msgs/PredictedObjects', 'derived_object_msgs/ObjectArray')
 MOST_DISCS = 16  # of one obstacle, as topics.yaml allows
 CYLINDER, POLYGON = 1, 2  # autoware_perception_msgs/Shape
-BOX, RADIUS_AT = 1, {2: 0, 3: 1}  # shape_msgs/SolidPrimitive: box; where sphere, cylinder have it
+# shape_msgs/SolidPrimitive: where box, sphere, cylinder and cone have length and width, or radius
+BOX, SIZES_AT = 1, {1: slice(0, 2), 2: slice(0, 1), 3: slice(1, 2), 4: slice(1, 2)}
+MOST_ID = 0x7FFFFFFF  # of a marker, which has 31 bits for it
 
 
 class ConverterParams(Struct):
@@ -36,6 +39,14 @@ def cover(length: float, width: float, overhang: float) -> tuple[np.ndarray, flo
     places = sorted((along / count * (k - (count - 1) / 2) for k in range(count)), key=abs)
     row = np.outer(places, (1.0, 0.0) if length >= width else (0.0, 1.0))
     return row, math.hypot(along / count, across) / 2.0
+
+
+def body(is_box: bool, sizes: Sequence[float], overhang: float) -> tuple[np.ndarray, float]:
+    """Return the discs of a box of two sizes, or of what has these radii; raise ValueError."""
+    if len(sizes) < 1 + is_box or not all(0.0 <= size < math.inf for size in sizes):
+        what = 'length and width' if is_box else 'a radius'
+        raise ValueError(f'its sizes are {[*sizes]} m; allowed {what}, finite, 0 or more')
+    return cover(*sizes, overhang) if is_box else (np.zeros((1, 2)), max(sizes))
 
 
 def turned(pose: Any, offsets: np.ndarray) -> np.ndarray:
@@ -59,15 +70,19 @@ def from_autoware(message: Any, overhang: float) -> tuple[Obstacles, Predictions
     Ids are 31 bits of the UUIDs. Velocities are in the frames of the objects; the covariance of a
     position holds along the predicted paths, which have none of their own.
     """
-    stamp_ns, items, by_id = stamp_to_ns(message.header.stamp), [], {}
+    stamp_ns, items, by_id, refused = stamp_to_ns(message.header.stamp), [], {}, []
     for item in message.objects:
         motion, size, kind = item.kinematics, item.shape.dimensions, item.shape.type
         start, v = motion.initial_pose_with_covariance, motion.initial_twist_with_covariance.twist
-        row, radius = cover(size.x, size.y, overhang)
-        if kind in (CYLINDER, POLYGON):
-            corners = [math.hypot(p.x, p.y) for p in item.shape.footprint.points]
-            row, radius = np.zeros((1, 2)), size.x / 2.0 if kind == CYLINDER else max(corners)
+        sizes = [size.x / 2.0] if kind == CYLINDER else [size.x, size.y]
+        if kind == POLYGON:
+            sizes = [math.hypot(p.x, p.y) for p in item.shape.footprint.points]
         number = int.from_bytes(bytes(item.object_id.uuid)[:4], 'big') >> 1
+        try:
+            row, radius = body(kind not in (CYLINDER, POLYGON), sizes, overhang)
+        except ValueError as error:
+            refused.append(Refusal('shape', f'object {number}: {error}'))
+            continue
         velocity = turned(start.pose, np.array([v.linear.x, v.linear.y]))
         items.append(obstacle(number, start.pose, row, radius, velocity))
         paths = [path for path in motion.predicted_paths if len(path.path) and path.confidence > 0]
@@ -80,15 +95,18 @@ def from_autoware(message: Any, overhang: float) -> tuple[Obstacles, Predictions
             P_n = np.tile(P, (len(XY), 1, 1))
             branch = Branch(stamp_ns, path.confidence / whole, t, *XY.T, P_n)
             by_id[number] = (*by_id.get(number, ()), branch)
-    return Obstacles(stamp_ns, tuple(items)), Predictions(stamp_ns, by_id)
+    return Obstacles(stamp_ns, tuple(items), tuple(refused)), Predictions(stamp_ns, by_id)
 
 
 def from_derived(message: Any, overhang: float) -> tuple[Obstacles, Predictions]:
     """Return the obstacles of an ObjectArray, with velocities in the map; none is predicted."""
-    stamp_ns, items = stamp_to_ns(message.header.stamp), []
+    stamp_ns, items, refused = stamp_to_ns(message.header.stamp), [], []
     for item in message.objects:
-        size, kind, v = item.shape.dimensions, item.shape.type, item.twist.linear
-        round_ = np.zeros((1, 2)), size[RADIUS_AT.get(kind, 0)]
-        body = cover(*size[:2], overhang) if kind == BOX else round_
-        items.append(obstacle(int(item.id), item.pose, *body, (v.x, v.y)))
-    return Obstacles(stamp_ns, tuple(items)), Predictions(stamp_ns, {})
+        kind, v = item.shape.type, item.twist.linear
+        sizes = item.shape.dimensions[SIZES_AT.get(kind, slice(0))]
+        try:
+            discs = body(kind == BOX, sizes, overhang)
+            items.append(obstacle(item.id & MOST_ID, item.pose, *discs, (v.x, v.y)))
+        except ValueError as error:
+            refused.append(Refusal('shape', f'object {item.id} of type {kind}: {error}'))
+    return Obstacles(stamp_ns, tuple(items), tuple(refused)), Predictions(stamp_ns, {})

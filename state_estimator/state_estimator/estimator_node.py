@@ -53,7 +53,6 @@ class EstimatorNode(ManagedNode):
         self.inertial_sub = subscriptions[INERTIAL]
         self.publishers_of = PublisherMonitor(self, subscriptions)
         self.refusals = {topic: RejectionLog(topic) for topic in DECODERS}
-        self.status_log, self.held, self.cause = ChangeFilter(), HeldLevel(), ''
         self.reported_ns = 0
         ros.steady_timer(self, TIMER_S, self.on_timer)
 
@@ -64,6 +63,7 @@ class EstimatorNode(ManagedNode):
     def begin(self):
         """Forget the drive."""
         self.stream.begin()
+        self.status_log, self.held, self.cause = ChangeFilter(), HeldLevel(), ''
         self.pending, self.resets, self.heard_ns = None, 0, self.wall.now_ns()
 
     def on_run_start(self, msg):
@@ -111,7 +111,8 @@ class EstimatorNode(ManagedNode):
 
     def report(self, stamp_ns, status):
         """Log what is missing and why the estimator began anew; publish the health when due."""
-        faults = [status] if status != estimate.OK and self.status_log.has_changed(status) else []
+        # every status, `ok` too: what fails a second time is told again
+        faults = [status] if self.status_log.has_changed(status) and status != estimate.OK else []
         if self.stream.resets > self.resets:
             faults.append(f'begun anew: {self.stream.reason}')
         self.resets = self.stream.resets

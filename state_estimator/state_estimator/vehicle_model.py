@@ -48,10 +48,12 @@ class Axle(NamedTuple):
         """
         load = G + self.transfer * ax
         whole = self.friction * friction * load
-        used = min(abs(ax) * load / G, MOST_USED * whole)
-        capacity = math.sqrt(whole**2 - used**2)
+        wanted, most = abs(ax) * load / G, MOST_USED * whole
+        capacity = math.sqrt(whole**2 - min(wanted, most) ** 2)
         force, slope, over_capacity = tyre_force(tan_alpha, self.C, capacity)
-        over_friction = over_capacity * whole / capacity * self.friction * load
+        # of the capacity over the whole, of which it is a constant share from `most` on
+        over, under = (whole, capacity) if wanted < most else (capacity, whole)
+        over_friction = over_capacity * over / under * self.friction * load
         return force, min(slope, -LEAST_SLOPE * self.C), over_friction
 
 

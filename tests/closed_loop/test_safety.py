@@ -51,11 +51,12 @@ def is_well(track, obstacles):
 def stopped(step, setup, plan):
     """Return the states of the car when no command follows that of a step."""
     car = step.car.fork()
-    plant_side = LockstepStepper(car, RunEnd(inputs.stop_params(setup.scn), car.now))
+    end = RunEnd(inputs.stop_params(setup.scn), car.now)
+    plant_side = LockstepStepper(car, end)
     tracks = [plant_side.tick(step.record.command)]
     if plan is not None:
         plant_side.stop.keep(plan.stamp_ns, lambda: plan)
-    while not plant_side.outcome:
+    while not end.standing:  # beyond the finish line, too
         tracks.append(plant_side.tick_without_controller())
     return [state for track in tracks for state in messages(track.state_columns())[::10]]
 

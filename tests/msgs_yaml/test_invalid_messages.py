@@ -443,3 +443,10 @@ def test_points_may_come_in_any_order_of_obstacles_with_further_fields_and_longe
 )
 def test_predictions_of_another_layout_are_refused_as_a_whole(path, value, error):
     assert error in refused(PREDICTIONS, put(packed(), path, value))
+
+
+def test_points_that_are_none_with_rows_too_long_for_numpy_are_refused():
+    none = encode.predictions(Predictions(S, {}))
+    assert 'point_step is 2147483648; allowed' in refused(
+        PREDICTIONS, put(none, 'point_step', 2**31)
+    )

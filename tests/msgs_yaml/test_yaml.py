@@ -1,5 +1,6 @@
 """YAML is read strictly: typed values, or an error that names file, line, key and range."""
 
+import re
 from typing import Annotated, Literal
 
 import pytest
@@ -223,6 +224,13 @@ def test_a_mistake_is_told_in_the_same_words(each_parser, text, words, tmp_path)
 
     fast, slow = each_parser(told)
     assert fast == slow
+
+
+@pytest.mark.parametrize(('name', 'what'), [('', 'Is a directory'), ('no.yaml', 'No such file')])
+def test_a_file_that_cannot_be_read_is_named(tmp_path, name, what):
+    file = tmp_path / name
+    with pytest.raises(strict_yaml.YamlError, match=f'^{re.escape(str(file))}: {what}'):
+        strict_yaml.read(file)
 
 
 @pytest.mark.parametrize(

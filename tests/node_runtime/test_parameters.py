@@ -93,6 +93,8 @@ FILE_MISTAKES = [
     (4, '', ': gears: is missing; allowed 1 to 8'),
     (9, '      stifness: 1', ":9: front.stifness: unknown parameter; did you mean 'front.stiff"),
     (9, '      driven: true', ':10: front.driven: appears twice'),
+    (11, f'{LINES[10]}\n    front.driven: true', ':12: front.driven: appears twice'),
+    (3, f'    rear.driven: true\n{LINES[2]}', ':12: rear.driven: appears twice'),
     (
         11,
         '    rear: 1',

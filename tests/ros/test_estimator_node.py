@@ -1,5 +1,7 @@
 """The estimator between sensors and controller: on the wall clock in one process, and over DDS."""
 
+from types import SimpleNamespace as Has
+
 import numpy as np
 import pytest
 from node_graph import OF_PROCESSES, NodeGraph, assert_equal_tables
@@ -7,7 +9,11 @@ from node_ring import NodeRing, Relay
 
 from bags.storage import read
 from experiments import simulation
+from msgs_yaml import decode
+from msgs_yaml.conversions import NS_PER_S
+from node_runtime.clocks import SteadyClock
 from node_runtime.input_monitor import OK, WARN
+from state_estimator.estimator_node import EstimatorNode
 
 pytestmark = [pytest.mark.smoke, pytest.mark.usefixtures('dds')]
 TRUTH, BELIEVED = '/vehicle/odometry', '/estimator/odometry'
@@ -76,6 +82,24 @@ def test_what_falls_silent_is_named_and_a_pause_of_the_imu_begins_anew(tmp_path)
     assert faults[0] == 'no receiver'
     assert any('between two messages of the IMU' in text for text in faults)
     assert healths(bag)[-1].values['begun_anew'] == 1
+
+
+def test_an_outage_that_comes_again_is_told_again_and_another_run_begins_well():
+    told, sent = [], []
+    stream = Has(resets=0, estimate=None, begin=lambda: None)
+    node = Has(
+        stream=stream, wall=SteadyClock(), reported_ns=0, health_pub=Has(publish=sent.append)
+    )
+    node.get_logger = lambda: Has(warning=told.append)
+    node.publishers_of = Has(add_warnings=lambda health: health)
+    EstimatorNode.begin(node)
+    for second, status in enumerate(['no receiver', 'ok', 'no receiver', 'no receiver'], 1):
+        EstimatorNode.report(node, second * NS_PER_S, status)
+    assert told == ['no receiver'] * 2
+    EstimatorNode.begin(node)
+    EstimatorNode.report(node, 5 * NS_PER_S, 'ok')
+    ((*_, last),) = (decode.health(message) for message in sent[-1:])
+    assert (last.level, last.message) == (OK, 'estimating')
 
 
 def test_an_estimator_without_a_car_withdraws_its_odometry(tmp_path):

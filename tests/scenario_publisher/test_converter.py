@@ -4,6 +4,7 @@ The packages of their messages are not installable here: the objects have the fi
 files of autoware_perception_msgs and derived_object_msgs.
 """
 
+import re
 import subprocess
 import sys
 from types import SimpleNamespace as Has
@@ -27,8 +28,10 @@ from std_msgs.msg import Header
 from unique_identifier_msgs.msg import UUID
 
 from msgs_yaml import conversions, decode, encode
+from node_runtime.log_filters import RejectionLog
 from node_runtime.spin_node import EXIT_CONFIGURATION
 from scenario_publisher import perceived_objects
+from scenario_publisher.converter_node import ConverterNode
 from scenario_publisher.perceived_objects import cover, from_autoware, from_derived
 
 S = 1_000_000_000
@@ -62,6 +65,20 @@ def autoware(kind, dimensions, place, v=(0.0, 0.0), paths=(), footprint=()):
     uuid = UUID(uuid=np.array([128, 0, 0, 9, *range(12)], np.uint8))
     one = Has(object_id=uuid, existence_probability=0.9, kinematics=motion, shape=shape)
     return Has(header=HEADER, objects=[one])
+
+
+def derived(*shapes):
+    """Return objects 1, 2 and so on; the last one has the greatest id that there is."""
+    objects = [
+        Has(
+            id=k if k < len(shapes) else 2**32 - 1,
+            pose=pose(10 * k, 0, ACROSS),
+            twist=Twist(linear=Vector3(x=3.0, y=4.0)),
+            shape=SolidPrimitive(type=kind, dimensions=dimensions),
+        )
+        for k, (kind, dimensions) in enumerate(shapes, 1)
+    ]
+    return Has(header=HEADER, objects=objects)
 
 
 @settings(max_examples=60)
@@ -122,23 +139,44 @@ def test_a_pedestrian_is_a_disc_and_a_polygon_one_around_its_corners():
 
 
 def test_objects_of_carla_have_velocities_in_the_map_and_no_predictions():
-    shapes = [(1, [4.5, 1.8, 1.5]), (3, [1.8, 0.3]), (2, [0.4])]
-    objects = [
-        Has(
-            id=k,
-            pose=pose(10 * k, 0, ACROSS),
-            twist=Twist(linear=Vector3(x=3.0, y=4.0)),
-            shape=SolidPrimitive(type=kind, dimensions=dimensions),
-        )
-        for k, (kind, dimensions) in enumerate(shapes, 1)
-    ]
-    obstacles, predictions = from_derived(Has(header=HEADER, objects=objects), 0.3)
-    car, walker, ball = obstacles.items
+    shapes = [(1, [4.5, 1.8, 1.5]), (3, [1.8, 0.3]), (2, [0.4]), (4, [3.0, 0.5])]
+    obstacles, predictions = from_derived(derived(*shapes), 0.3)
+    car, walker, ball, cone = obstacles.items
     assert (predictions.stamp_ns, predictions.by_id) == (obstacles.stamp_ns, {})
     assert (car.id, car.vX, car.vY) == (1, 3.0, 4.0)
     assert len(car.others) == len(cover(4.5, 1.8, 0.3)[0]) - 1
-    assert (walker.r_obs, ball.r_obs, walker.others) == (0.3, 0.4, ())
-    assert [o.id for o in decode.obstacles(encode.obstacles(obstacles)).items] == [1, 2, 3]
+    assert (walker.r_obs, ball.r_obs, cone.r_obs, walker.others) == (0.3, 0.4, 0.5, ())
+    received = decode.obstacles(encode.obstacles(obstacles)).items
+    assert [o.id for o in received] == [1, 2, 3, 2**31 - 1]
+
+
+WRONG_SIZES = {
+    'autoware': [(0, (np.nan, 1.8)), (0, (4.5, np.inf)), (0, (-4.5, 1.8)), (2, (1.0, 1.0))],
+    'derived': [(1, []), (1, [4.5]), (1, [4.5, np.nan]), (3, [1.8]), (2, [np.inf]), (5, [1.8])],
+}
+
+
+@pytest.mark.parametrize('name', WRONG_SIZES)
+def test_an_object_without_a_size_is_refused_alone_and_without_another_nothing_is_sent(name):
+    """Obstacles without any would say that the road is free."""
+    convert, make = {
+        'autoware': (from_autoware, lambda kind, size: autoware(kind, size, pose(0, 0, 0))),
+        'derived': (from_derived, lambda *shape: derived(shape)),
+    }[name]
+    wrong = [o for shape in WRONG_SIZES[name] for o in make(*shape).objects]
+    good, lines, sent = make(1, (4.5, 1.8)).objects, [], []
+    node = Has(params=Has(overhang_m=0.3), is_active=True, convert=convert)
+    node.refusals = RejectionLog('object of /objects')
+    node.get_logger = lambda: Has(warning=lines.append)
+    node.obstacles_pub = Has(publish=sent.append)
+    node.predictions_pub = Has(publish=lambda _: None)
+    for objects in (wrong, [*wrong, *good], []):
+        ConverterNode.on_objects(node, Has(header=HEADER, objects=objects))
+    assert [len(decode.obstacles(message).items) for message in sent] == [1, 0]
+    refused = convert(Has(header=HEADER, objects=wrong), 0.3)[0].refused
+    assert lines == [f'object of /objects rejected (shape): {refused[0].reason}']
+    assert [refusal.kind for refusal in refused] == ['shape'] * len(wrong)
+    assert all(re.search(r'^object \d+.* its sizes are .* m; allowed', r.reason) for r in refused)
 
 
 @pytest.mark.usefixtures('domain')

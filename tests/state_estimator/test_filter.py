@@ -26,6 +26,7 @@ from experiments import estimation
 from mpcc_controller import car_file
 from mpcc_controller.model import fiala
 from msgs_yaml.types import Chassis, Gnss, Inertial
+from state_estimator import vehicle_model
 from state_estimator.estimators import Stream
 from state_estimator.vehicle_model import tyre_force
 
@@ -157,6 +158,19 @@ def test_the_slopes_of_the_tyre_are_those_of_its_force(tan_alpha, C, capacity):
     step = (tyre_force(tan_alpha, C, capacity + h)[0] - force) / h
     assert over_capacity == pytest.approx(step, abs=1e-3)
     assert abs(force) <= capacity * (1 + 1e-12)
+
+
+@given(st.floats(-0.2, 0.2), st.floats(0.2, 1.0), st.floats(-12.0, 9.0))
+def test_the_slope_over_friction_is_that_of_the_force_of_an_axle(tan_alpha, friction, ax):
+    """Also where the longitudinal force would leave less than the least capacity."""
+    for axle in vehicle_model.axles(car()):
+        h, load = 1e-6, vehicle_model.G + axle.transfer * ax
+        wanted, most = abs(ax) * load / vehicle_model.G, axle.friction * friction * load
+        if abs(wanted / (vehicle_model.MOST_USED * most) - 1.0) < 1e-4:
+            continue  # a corner of the force
+        low, high = (axle.force(tan_alpha, ax, friction + side * h)[0] for side in (-1, 1))
+        slope = (high - low) / (2 * h)
+        assert axle.force(tan_alpha, ax, friction)[2] == pytest.approx(slope, rel=1e-3, abs=1e-3)
 
 
 def test_what_is_missing_is_named_and_believed_less_and_comes_back():

@@ -90,13 +90,22 @@ def test_a_run_ends(params, stop, speed, forces, outcome, end_s):
         assert seconds(end) == pytest.approx(end_s, abs=0.1 if forces else 0.02)
 
 
-def test_a_run_whose_controller_stays_silent_ends_at_standstill(params):
-    loop = stepper(LockstepStepper, params)
-    run(loop, 10, 0.03, 0.0, 400.0)
+ENDS = pytest.mark.parametrize(
+    ('changed', 'code', 'latest_s'),
+    [({'x_m': 3.0}, FINISHED, 0.2), ({'time_s': 0.5}, FAILED, 0.5), ({}, CONTROLLER_GONE, 6.0)],
+    ids=['line', 'time', 'standstill'],
+)
+
+
+@ENDS
+def test_a_run_whose_controller_stays_silent_ends(params, changed, code, latest_s):
+    loop = stepper(LockstepStepper, params, **changed)
+    run(loop, 1, 0.03, 0.0, 400.0)
     while not loop.outcome:
         loop.tick_without_controller()
-    assert loop.outcome.exit_code == CONTROLLER_GONE
-    assert abs(loop.car.state.vx) < 0.1
+    assert loop.outcome.exit_code == code
+    assert seconds(loop.outcome) <= latest_s
+    assert (abs(loop.car.state.vx) < 0.1) == (code == CONTROLLER_GONE)
     assert not loop.is_due(loop.car.stamp_ns)
 
 
@@ -206,11 +215,7 @@ def test_realtime_catches_up_with_the_bits_of_one_stretch(params):
     assert (late.missed_steps, late.longest_gap) == (129, 130)
 
 
-@pytest.mark.parametrize(
-    ('changed', 'code', 'latest_s'),
-    [({'x_m': 3.0}, FINISHED, 0.2), ({'time_s': 0.5}, FAILED, 0.5), ({}, CONTROLLER_GONE, 6.0)],
-    ids=['line', 'time', 'standstill'],
-)
+@ENDS
 def test_realtime_catches_up_no_further_than_the_end_of_the_run(params, changed, code, latest_s):
     """After minutes, as of a process that was stopped."""
     loop = stepper(RealtimeStepper, params, **changed)
@@ -311,6 +316,13 @@ def test_starts_are_taken_from_parameters_or_the_first_pose():
     assert plant_node.read_start_path(raw).t.tolist() == path.t.tolist()
     with pytest.raises(DecodeError, match=r'no speed to start with.*start\.from: parameters'):
         plant_node.read_start_path(still)
+    for share, speed in ((5.0, 100), (5.001, 100.02)):
+        hasty = ros.serialize(encode.reference(path._replace(t=t / share)))
+        if speed == 100:
+            assert len(plant_node.read_start_path(hasty).t) == 3
+        else:
+            with pytest.raises(DecodeError, match=f'say a speed of {speed} m/s; allowed 0 to 100'):
+                plant_node.read_start_path(hasty)
     own = parameters.StartParams(
         x_m=1.0, y_m=2.0, yaw_rad=0.3, speed_mps=4.0, lateral_mps=None, yaw_rate_radps=-0.5
     )

@@ -1,5 +1,6 @@
 """A user's own tyre: property files are read as they are found, and mistakes are named."""
 
+import re
 from dataclasses import fields, replace
 
 import numpy as np
@@ -182,3 +183,5 @@ def test_property_file_works_wherever_the_yaml_does(tmp_path):
     for name in ('nobody.tir', str(tmp_path / 'nobody.tir')):
         with pytest.raises(ParameterError, match=r'nobody\.tir'):
             parameters.load_tyre(name)
+    with pytest.raises(ParameterError, match=f'^{re.escape(str(tmp_path))}: Is a directory'):
+        tyre_property_file.load(tmp_path)  # as any that cannot be read

@@ -12,7 +12,7 @@ from msgs_yaml.types import Reference, StopPlan
 from node_runtime import ros, spin_node, subscriptions_node
 from node_runtime.log_filters import ChangeFilter, RejectionLog
 from node_runtime.managed_node import ManagedNode
-from node_runtime.parameters import ParameterError
+from node_runtime.parameters import START_SPEED, ParameterError
 from node_runtime.subscriptions_node import PublisherMonitor
 from stage_solver import compile_cache
 from vehicle_plant import (
@@ -204,12 +204,17 @@ class PlantNode(ManagedNode):
 
 
 def read_start_path(raw: bytes) -> Reference:
-    """Return a serialised path; DecodeError, too, for one that says no speed to start with."""
+    """Return a serialised path; DecodeError, too, for one without a speed to start with."""
     path = subscriptions_node.read_reference(raw)
     if not path.t.any():
         raise DecodeError(
             'all poses have the same stamp, which says no speed to start with; allowed with '
             'start.from: parameters'
+        )
+    speed = initial_state.start_from_reference(path).speed
+    if START_SPEED.fault(float, round(speed, 3)):  # stamps are rounded
+        raise DecodeError(
+            f'its first poses say a speed of {speed:g} m/s; allowed {START_SPEED.allowed}'
         )
     return path
 

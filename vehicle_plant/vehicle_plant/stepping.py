@@ -142,7 +142,7 @@ class LockstepStepper:
             self.stop.begin()
         self._silent_ticks += 1
         trajectory = self.stop.advance(TICK_STEPS)
-        self._end.check(trajectory)
+        self.outcome = self._end.check(trajectory)
         if self._end.standing:
             self.outcome = Outcome(CONTROLLER_GONE, 'the controller is gone', self.car.stamp_ns)
         return trajectory

@@ -102,7 +102,7 @@ class PropertyFile(NamedTuple):
 
 
 def load(path: Path) -> TyreCoefficients:
-    """Read a tyre. Raises ParameterError that names file, line and key, and OSError."""
+    """Read a tyre. Raises ParameterError that names file, line and key."""
     file = _read(path)
     for key, entry in file.sections.get('UNITS', {}).items():
         if key in _SI and entry.text.lower() not in _SI[key]:
@@ -183,11 +183,15 @@ def _coefficients(file: PropertyFile) -> dict[str, float]:
 
 
 def _read(path: Path) -> PropertyFile:
-    """Read a property file. Raises ParameterError that names file and line, and OSError."""
+    """Read a property file. Raises ParameterError that names file and line."""
     file = PropertyFile(Path(path), {}, {})
     section = ''
-    # the encoding of comments is unknown in old files; keys and numbers are ASCII
-    for line, raw in enumerate(file.path.read_text(encoding='latin-1').splitlines(), start=1):
+    try:
+        # the encoding of comments is unknown in old files; keys and numbers are ASCII
+        lines = file.path.read_text(encoding='latin-1').splitlines()
+    except OSError as error:
+        raise ParameterError(f'{path}: {error.strerror or error}') from None
+    for line, raw in enumerate(lines, start=1):
         text = _COMMENT.sub(lambda match: match[1] or '', raw).strip()
         if match := _SECTION.match(text):
             section = match[1].upper()

@@ -67,8 +67,8 @@ def read_files(
     Of a parameter that several files set, the last one counts.
 
     A section is for the node that it names (`plant`, `/plant`, `/**/plant`, or with the `namespace`
-    of the run `/car1/plant`), or for every node (`/**`). Raises OSError for a file that cannot be
-    read, and BagError, `<file>:<line>: <key>: <what>`, for a section of another node.
+    of the run `/car1/plant`), or for every node (`/**`). Raises YamlError for a file that cannot be
+    read, and, `<file>:<line>: <key>: <what>`, for a section of another node.
     """
     values: dict[str, dict[str, Any]] = {}
     sources: dict[str, dict[str, str]] = {}

@@ -47,7 +47,7 @@ def load(scenario_or_file: str) -> RunFile:
         root = read(path)
         if not any(name in KEYS for name in root.items()):
             return RunFile(scenario_or_file)
-    except (YamlError, OSError):  # told in the words of a scenario
+    except YamlError:  # told in the words of a scenario
         return RunFile(scenario_or_file)
     members = root.members(KEYS[:1], KEYS[1:])
     scenario = _relative(path, parse_value(NAME, members['scenario']))

@@ -119,11 +119,10 @@ def read(folder: Path) -> dict[str, Any]:
     Raises BagError that names file, line, key and what is allowed.
     """
     file = folder / FILE
-    try:
-        root = strict_yaml.read(file)
-        _check_arms(root, parse_value(PLAN, root))
-    except OSError as error:
-        raise BagError(f'{file}: {error.strerror}; it has the plan of the study') from None
+    if not file.is_file():
+        raise BagError(f'{file}: No such file or directory; it has the plan of the study')
+    root = strict_yaml.read(file)
+    _check_arms(root, parse_value(PLAN, root))
     return root.value()
 
 
