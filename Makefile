@@ -162,7 +162,7 @@ check: setup $(VENV)/.tests $(VENV)/.docs lint budget
 	failed=0; mkdir -p build; \
 	  $(MAKE_COMMAND) --keep-going --jobs 2 side_by_side docs coverage 2>&1 | tee build/check.log \
 	    || failed=1; \
-	  $(PYTEST) -m 'alone or site' --durations 10 $(ALONE) || failed=1; \
+	  CHANGED_SINCE=$(CHANGED_SINCE) $(PYTEST) -m 'alone or site' --durations 10 $(ALONE) || failed=1; \
 	  grep -E '^(FAILED|ERROR)|WARNING:|\*\*\*' build/check.log || true; \
 	  exit $$failed
 

@@ -84,17 +84,16 @@ def build_playlist(
     # within a topic the file has the order of arrival, times may repeat or step back a little
     times = [np.maximum.accumulate(recorded.log_ns) for recorded in selected]
     first_ns = min(int(t[0]) for t in times) + round(start_s * NS_PER_S)
-    last_ns = max(int(t[-1]) for t in times)
+    last_ns = max(first_ns, *(int(t[-1]) for t in times))
     if duration_s:
         last_ns = min(last_ns, first_ns + round(duration_s * NS_PER_S))
-    rows, is_empty = [], True
+    rows = []
     for recorded, t in zip(selected, times):
         begin, end = np.searchsorted(t, [first_ns, last_ns + 1]).tolist()
         # a late subscriber gets the last message before the part
         is_latched = any(q.durability == 'transient_local' for q in parse_qos(recorded.topic.qos))
         rows.append(np.arange(begin - (begin > 0 and is_latched), max(begin, end)))
-        is_empty &= end <= begin
-    if is_empty:
+    if not sum(map(len, rows)) or first_ns > max(int(r.log_ns[-1]) for r in present.values()):
         raise BagError(f'{bag.path}: no message from {start_s:g} s on; nothing to play')
     due = [np.maximum(t[i] - first_ns, 0) for t, i in zip(times, rows)]
     payloads = [data for r, i in zip(selected, rows) for data in map(r.payloads.__getitem__, i)]

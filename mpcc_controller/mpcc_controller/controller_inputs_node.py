@@ -129,7 +129,7 @@ class ControllerInputs:
             with suppress(decode.DecodeError):
                 trigger.actuators = decode.stamp_ns_of(raw)
                 self.actuators = raw
-        elif trigger.state is None or not trigger.needs_actuators or newest.has_publisher():
+        elif not trigger.begins or newest.has_publisher():
             self._alone_since_ns = None
         else:
             self._alone_since_ns = self._alone_since_ns or now_ns

@@ -25,12 +25,11 @@ class HeldLevel:
 
     def update(self, level: int, now_ns: int) -> int:
         """Take the present level; return the worst of the last two seconds."""
-        # what lies ahead is of a run before, from which time went back
-        self._last_ns = {held: ns for held, ns in self._last_ns.items() if ns <= now_ns}
+        # what lies as far ahead is of a run before, from which time went back
+        self._last_ns = {k: ns for k, ns in self._last_ns.items() if abs(now_ns - ns) < HOLD_NS}
         if level in (WARN, ERROR):
             self._last_ns[level] = now_ns
-        recent = [held for held, last_ns in self._last_ns.items() if now_ns - last_ns < HOLD_NS]
-        return max(level, *recent) if recent else level
+        return max((level, *self._last_ns))
 
 
 class InputMonitor:

@@ -50,6 +50,7 @@ SENT = {
     'steps back': (STEPS_BACK, {}, '0/a0 4/b0 5/a1 5/a2 6/a3'),
     'both ends': ({'/a': range(10)}, PART, '0/a5 1/a6 2/a7'),
     'latched': (MAP, PART, '0/map1 0/a5 1/a6 2/map2 2/a7'),
+    'latched alone': (MAP, {'topics': ['/map'], 'start_s': 0.008}, '0/map2'),
     'chosen topics': (ABC, {'topics': ['/c', '/a']}, '0/a0 2/c0'),
     'own clock': ({'/clock': [0, 5], '/a': [1]}, {}, '0/clock0 1/a0 5/clock1'),
 }

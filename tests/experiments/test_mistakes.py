@@ -321,7 +321,7 @@ def drives(tmp_path):
         ('library --entries --set scenario.speed_mps=fast --out x', 'scenario.speed_mps: ... allo'),
         ('library --set plnt.friction=1 --out x', 'must be NODE.parameter=value'),
         ('demo', 'paper/picture/drive.yaml: is not here; ... runs in a clone'),
-        ('study run sub', 'study.yaml: No such file or directory; it has the plan of the study'),
+        ('study run sub', 'study.yaml: is no file; it has the plan of the study'),
         ('parameters contoring', "no parameter has 'contoring'; did you mean 'contouring_m'"),
         ('scenario straight --plot x.jpg', 'must end in .png, .svg or .pdf'),
         ('survivable sub', 'results.parquet: is no table of experiments library'),

@@ -183,6 +183,23 @@ def test_a_restart_does_not_wait_for_actuators_that_nobody_publishes_any_more(
     assert len(realtime.logged('nobody publishes')) == 1
 
 
+def test_a_publisher_of_the_actuators_that_leaves_is_waited_for_once(lockstep, world, monkeypatch):
+    lockstep.send_road(world.lane_change())
+    for k in range(2):
+        lockstep.tick(k)
+    monkeypatch.setattr(lockstep.node.inputs.newest_actuators, 'has_publisher', lambda: False)
+    for k in range(2, 5):
+        lockstep.send_state(START + k * TICK, float(k))
+        lockstep.send_obstacles(START + k * TICK)
+        if k == 2:
+            assert len(lockstep.commands) == 2
+            for _ in range(2):
+                lockstep.now_ns += 2 * S
+                lockstep.node.on_timer()
+    assert len(lockstep.commands) == 5
+    assert len(lockstep.logged(f'no message of {ACTUATORS} has the stamp of the state')) == 1
+
+
 def test_speeds_up_to_the_least_speed_cause_one_warning_per_path_and_car(lockstep, world):
     def warnings_of(speed, shift_m=0.0):
         lockstep.lines.clear()

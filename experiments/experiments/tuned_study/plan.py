@@ -120,7 +120,7 @@ def read(folder: Path) -> dict[str, Any]:
     """
     file = folder / FILE
     if not file.is_file():
-        raise BagError(f'{file}: No such file or directory; it has the plan of the study')
+        raise BagError(f'{file}: is no file; it has the plan of the study')
     root = strict_yaml.read(file)
     _check_arms(root, parse_value(PLAN, root))
     return root.value()

@@ -138,9 +138,9 @@ class Controller:
     def reset(self, actuators: Actuators, resumed: bool = False) -> None:
         """Restart with the set-points where the actuators are, within their limits.
 
-        What is known of the road and of obstacles stays where the drive goes on, after states that
-        were missing; not in one that begins, nor after a pause (`resumed`), which the report of the
-        next step says.
+        What is known of the road and of obstacles stays where the last state is not older than
+        `fallback.max_guide_age`: the drive goes on. It does not after a pause (`resumed`), which
+        the report of the next step says.
         """
         limits, force = self.params.limits, actuators.Fxf + actuators.Fxr
         share = np.clip(force, -limits.brake_n, limits.drive_n) / force if force else 0.0
@@ -153,12 +153,16 @@ class Controller:
             Fxf=float(share * actuators.Fxf),
             Fxr=float(share * actuators.Fxr),
         )
-        before = self.memory
-        since_ns = actuators.stamp_ns - before.last.stamp_ns
-        goes_on = since_ns > -self.params.model.step_s * conversions.NS_PER_S and not resumed
-        kept = ('friction', 'believed', 'tracks') if before.known and goes_on else ()
-        self.memory = self._begin(held)._replace(
-            **{name: getattr(before, name) for name in kept},
+        before, begun, kept = self.memory, self._begin(held), {}
+        if before.known and not resumed:
+            missed_s = conversions.ns_to_s(actuators.stamp_ns - before.known.stamp_ns)
+            ticks = missed_s / self.params.model.step_s
+            if -1 < ticks <= self.params.fallback.max_guide_age:
+                # the set-points from its last state on are not known
+                friction = before.friction and before.friction._replace(last=None)
+                kept = {'friction': friction, 'believed': before.believed, 'tracks': before.tracks}
+        self.memory = begun._replace(
+            **kept,
             actuators=ActuatorState(start=actuators),
             computing_s=before.computing_s,
             rejections=before.rejections,

@@ -80,9 +80,9 @@ def start_at(plan: Plan, x0: State) -> Plan:
     """
     X = np.array(plan.X)
     X[:, THETA] += x0.theta - X[0, THETA]
-    turns = round((x0.psi - X[0, PSI]) / (2 * math.pi))
+    turns = np.round((x0.psi - X[0, PSI]) / (2 * np.pi))
     if turns:
-        X[:, PSI] += 2 * math.pi * turns
+        X[:, PSI] += 2 * np.pi * turns
     X[0] = x0
     return plan._replace(X=X)
 

@@ -47,20 +47,25 @@ def _course(x):
     return x.psi + (math.atan2(x.vy, x.vx) if math.hypot(x.vx, x.vy) > MOVES_MPS else 0.0)
 
 
-def _first_theta(path, x, reach):
-    """Return theta of a car that was not on the path before, on a stretch that runs with it.
+def find_theta(
+    path: ReferencePath, x: VehicleState | State, near: float | None, reach: float
+) -> float:
+    """Return theta [m] of a car, projected within `reach` [m] of `near`.
 
-    Where the closest point runs against the car, the way back may be closer than the way there.
+    With None, of a car that was not on the path before, on a stretch that runs with it: where the
+    closest point runs against the car, the way back may be closer than the way there.
     """
-    theta = project(path, x.X, x.Y, None, reach)
+    theta = project(path, x.X, x.Y, near, reach)
+    if near is not None:
+        return theta
     foot, _ = reference_path.arcs_at(path, theta)
     if np.cos(foot.psi - _course(x)) <= 0:
         arcs = path.arcs
         away = np.hypot(arcs.X - x.X, arcs.Y - x.Y)
         away[np.cos(arcs.psi - _course(x)) <= 0] = np.inf
-        near = int(np.argmin(away))
-        if away[near] <= math.hypot(foot.X - x.X, foot.Y - x.Y) + LOST_M:
-            theta = project(path, x.X, x.Y, arcs.theta[near], reach)
+        best = int(np.argmin(away))
+        if away[best] <= math.hypot(foot.X - x.X, foot.Y - x.Y) + LOST_M:
+            theta = project(path, x.X, x.Y, arcs.theta[best], reach)
     return theta
 
 
@@ -86,10 +91,7 @@ def initial_state(
     is no last plan, after a change of the path, and beyond LOST_M from the projection.
     """
     model, reach = params.model, params.surroundings.path_search_m
-    if progress.theta is None:
-        here = theta = _first_theta(scene.path, x, reach)
-    else:
-        here = theta = project(scene.path, x.X, x.Y, progress.theta, reach)
+    here = theta = find_theta(scene.path, x, progress.theta, reach)
     stage_ns = progress.stage_ns
     if model.theta == INTEGRATED:
         if progress.theta is not None and last_plan is not None:

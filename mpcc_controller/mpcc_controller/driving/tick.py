@@ -56,7 +56,6 @@ from mpcc_controller.driving.setpoints import Setpoints
 from mpcc_controller.driving.watchdog import STATE_STALE
 from mpcc_controller.in_force import least_driven
 from mpcc_controller.model.single_track import Car, State
-from mpcc_controller.path import reference_path
 from mpcc_controller.problem.stage_parameters import Scene
 from msgs_yaml.conversions import NS_PER_S, add_seconds, ns_to_s
 from msgs_yaml.types import Command, VehicleState
@@ -312,7 +311,7 @@ def _act(
         if world.path is not None and np.all(np.isfinite(predicted)):
             reach_m = params.surroundings.path_search_m
             near = memory.progress.theta
-            theta = reference_path.project(world.path, predicted.X, predicted.Y, near, reach_m)
+            theta = path_progress.find_theta(world.path, predicted, near, reach_m)
             memory = memory._replace(progress=memory.progress._replace(theta=theta))
         guide = memory.plans.guide(params.fallback)
         line, ahead = braking.lookahead_point(predicted, guide, world.path, theta, params.braking)

@@ -46,12 +46,12 @@ class LockstepTrigger(Trigger):
     @property
     def needs_actuators(self) -> bool:
         """Whether the state kept last needs actuators of its stamp."""
-        return self.state is not None and (self.with_states or self._begins())
+        return self.state is not None and (self.with_states or self.begins)
 
     @property
     def waits_for_actuators(self) -> bool:
         """Whether a state after the first one waits for them: `with_states` may end that."""
-        return self.needs_actuators and not self._begins() and self.actuators != self.state
+        return self.needs_actuators and not self.begins and self.actuators != self.state
 
     def due(self) -> Due:
         """Return what to do with the state kept last; to be called once per message."""
@@ -59,7 +59,7 @@ class LockstepTrigger(Trigger):
             return NOTHING
         if self.with_predictions and self.predictions != self.state:
             return NOTHING
-        begins = self._begins()
+        begins = self.begins
         if self.needs_actuators and self.actuators != self.state:
             return NOTHING
         repeat = self.state == self.answered
@@ -79,9 +79,10 @@ class LockstepTrigger(Trigger):
         """Return the age [s] of the state answered last: 0, simulated time waits for the answer."""
         return 0.0
 
-    def _begins(self):
-        """Return whether the state kept last starts the controller."""
-        return self.answered is None or self.state < self.answered
+    @property
+    def begins(self) -> bool:
+        """Whether the state kept last starts the controller."""
+        return self.state is not None and (self.answered is None or self.state < self.answered)
 
 
 class RealtimeTrigger(Trigger):
@@ -106,6 +107,11 @@ class RealtimeTrigger(Trigger):
     def needs_actuators(self) -> bool:
         """Whether the next step is the first one."""
         return not self.begun
+
+    @property
+    def begins(self) -> bool:
+        """Whether the state kept last starts the controller."""
+        return self.state is not None and not self.begun
 
     def due(self) -> Due:
         """Return what to do with the state kept last; to be called once per message."""

@@ -5,7 +5,7 @@ import pytest
 
 from mpcc_controller.driving import planner
 from mpcc_controller.driving.controller import Controller
-from mpcc_controller.driving.records import TickInputs
+from mpcc_controller.driving.records import TickInputs, unknown_state
 from msgs_yaml import conformance, encode
 from msgs_yaml.types import Actuators, Obstacles
 from stage_solver.solution import FAILED, SOLVED
@@ -81,14 +81,15 @@ def test_a_restart_cuts_the_set_points_of_the_actuators_to_the_limits(controller
 
 @pytest.mark.parametrize(
     ('stamp_ns', 'resumed', 'believed'),
-    [(5 * TICK, False, 0.3), (5 * TICK, True, 1.0), (0, False, 1.0)],
-    ids=['after an outage', 'after a pause', 'in another drive'],
+    [(5 * TICK, False, 0.3), (60 * TICK, False, 1.0), (5 * TICK, True, 1.0), (0, False, 1.0)],
+    ids=['after an outage', 'after a long one', 'after a pause', 'in another drive'],
 )
 def test_what_is_known_of_the_road_stays_while_the_drive_goes_on(
     controller, world, stamp_ns, resumed, believed
 ):
     world.tick(controller, world.rolling(stamp_ns=3 * TICK))
     controller.memory = controller.memory._replace(believed=0.3)
+    world.tick(controller, unknown_state(4 * TICK))
     controller.reset(Actuators(stamp_ns, *5 * [0.0]), resumed)
     assert controller.memory.believed == believed
 
