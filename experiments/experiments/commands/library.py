@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> int:
         raise BagError('--out is missing: the folder, or the file of --draw, that is written')
     if options.draw:
         return library.write_draw(options, console)
-    for name in ('draws', 'first', 'seed', 'difficulty') if options.entries else ():
+    for name in DRAWN if options.entries else ():
         if getattr(options, name) != DRAWN[name]:
             raise BagError(f'--{name}: has no effect with --entries; leave one of both out')
     families, entries = library.choose(options.family, options.entries, options.entry)

@@ -25,8 +25,8 @@ from node_runtime import ros
 pytestmark = pytest.mark.usefixtures('domain')
 TIMEOUT_S = 90.0
 STATE, COMMAND = '/vehicle/odometry', '/controller/command'
-# recording a message takes at most so often what rclpy takes to read a state (1.2 were measured)
-READS, MOST_READS = 1000, 1.6
+# recording a message takes at most so often what rclpy takes to read a state (1 to 1.3 measured)
+READS, MOST_READS = 50, 1.4
 WALL_NS = 1_700_000_000 * 10**9
 
 
@@ -122,27 +122,30 @@ def test_recording_a_message_takes_little_more_than_to_read_one(tmp_path, start_
     # a second has 20 ticks; /clock is sent as a stamp of its own
     streams = {t: endless(v) for t, v in messages.items() if t != '/clock' and len(v) > 1}
 
+    reading = timeit.Timer(lambda: ros.deserialize(STATE, state), timer=time.process_time)
+
     def second():
-        """Send for a second; return how many, and the processor time of the recorder for each."""
-        cpu_s, began, sent = processor_s(recorder.process.pid), time.monotonic(), 0
+        """Send for a second; return how many, and the work for each over that of a reading."""
+        cpu_s, began, sent, reading_s = processor_s(recorder.process.pid), time.monotonic(), 0, 0.0
         for tick in range(20):
             for topic, stream in streams.items():
                 for value in itertools.islice(stream, -(-len(messages[topic]) // 20)):
                     ring.publish(topic, value)
                     sent += 1
+            # in the same moments: a machine that others use is not always as fast
+            reading_s += reading.timeit(READS) / READS / 20
             time.sleep(max(0.0, began + 0.05 * (tick + 1) - time.monotonic()))
         ring.wait_until_received()
-        return sent, (processor_s(recorder.process.pid) - cpu_s) / sent
+        recording_s = (processor_s(recorder.process.pid) - cpu_s) / sent
+        return sent, recording_s / reading_s
 
     second()  # the first: it has just started
-    seconds = [second() for _ in range(4)]
+    seconds = [second() for _ in range(8)]
     assert recorder.end()[0] == 0
-    assert sum(counts(tmp_path / 'bag').values()) == 5 * seconds[0][0]
+    assert sum(counts(tmp_path / 'bag').values()) == 9 * seconds[0][0]
     assert len(list((tmp_path / 'bag').glob('bag_*.mcap'))) >= 3
     # what else the machine does makes work dearer, never cheaper
-    timer = timeit.Timer(lambda: ros.deserialize(STATE, state), timer=time.process_time)
-    reading_s = min(timer.repeat(number=READS)) / READS
-    assert min(recording_s for _, recording_s in seconds) <= MOST_READS * reading_s
+    assert min(ratio for _, ratio in seconds) <= MOST_READS
 
 
 def test_losses_of_each_topic_are_noted_in_the_bag(tmp_path, start_pair, messages):
